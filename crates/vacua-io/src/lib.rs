@@ -1,0 +1,19 @@
+//! Files in, files out. One module a format; the [registry](formats) picks by content, then by
+//! extension.
+//!
+//! [`open`] reads headers and gives a [`Dataset`] whose fields load when first asked for. Large
+//! uncompressed data is memory-mapped, never copied. Every reader treats its file as hostile:
+//! sizes are checked before anything is allocated, and what is not understood is an [`IoError`]
+//! that names the file, the place and what was expected.
+
+mod atomic;
+mod error;
+mod registry;
+mod source;
+
+pub use atomic::write_atomically;
+pub use error::{IoError, Problem};
+pub use registry::{Format, ReadOptions, formats, open, open_with};
+pub use source::Source;
+
+pub use vacua_volume::Dataset;

@@ -1,0 +1,1 @@
+//! Scene, camera, frame and the CPU integrators of vacua.

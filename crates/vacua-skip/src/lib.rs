@@ -1,0 +1,1 @@
+//! Empty-space skipping: macrocells, active mask, boundary mesh and ray intervals.

@@ -1,0 +1,1 @@
+//! Procedural volumes and meshes of any size with known answers.

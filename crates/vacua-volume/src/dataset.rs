@@ -1,0 +1,333 @@
+//! Datasets, as files hold them, and volumes: a dataset with one scalar field chosen to be seen.
+
+use std::sync::Arc;
+
+use crate::array::DataArray;
+use crate::field::{Association, Field, FieldError};
+use crate::grid::Geometry;
+
+/// One bit a cell: set where the cell is blanked, that is, holds nothing to see.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CellMask {
+    words: Vec<u32>,
+    len: usize,
+}
+
+impl CellMask {
+    /// A mask over `len` cells, none of them blanked.
+    pub fn new(len: usize) -> Self {
+        Self {
+            words: vec![0; len.div_ceil(32)],
+            len,
+        }
+    }
+
+    /// Blanks a cell.
+    ///
+    /// # Panics
+    /// If the cell is out of range.
+    pub fn blank(&mut self, cell: usize) {
+        assert!(cell < self.len, "cell {cell} of {}", self.len);
+        self.words[cell / 32] |= 1 << (cell % 32);
+    }
+
+    /// Whether a cell is blanked.
+    ///
+    /// # Panics
+    /// If the cell is out of range.
+    pub fn is_blank(&self, cell: usize) -> bool {
+        assert!(cell < self.len, "cell {cell} of {}", self.len);
+        self.words[cell / 32] >> (cell % 32) & 1 == 1
+    }
+
+    /// Number of cells.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are no cells.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Number of blanked cells.
+    pub fn num_blank(&self) -> usize {
+        self.words.iter().map(|w| w.count_ones() as usize).sum()
+    }
+
+    /// The bits, cell 0 lowest in the first word.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
+}
+
+/// What a file holds: geometry, fields, blanked cells, and what the reader wants the user to know.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    geometry: Arc<Geometry>,
+    fields: Vec<Field>,
+    blanked_cells: Option<Arc<CellMask>>,
+    notes: Vec<String>,
+}
+
+/// Why a dataset does not fit together, or has not what was asked for.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// A field with the wrong number of tuples.
+    #[error("field `{name}` has {actual} tuples for {expected} {association}s")]
+    FieldLength {
+        /// Name of the field.
+        name: String,
+        /// Its association.
+        association: Association,
+        /// Tuples it has.
+        actual: usize,
+        /// Points or cells there are.
+        expected: usize,
+    },
+    /// A blanking mask of the wrong length.
+    #[error("the blanking mask covers {actual} cells of {expected}")]
+    MaskLength {
+        /// Cells in the mask.
+        actual: usize,
+        /// Cells there are.
+        expected: usize,
+    },
+    /// No field by that name.
+    #[error("there is no field `{asked}`; there {}", list(.available))]
+    NoSuchField {
+        /// What was asked for.
+        asked: String,
+        /// The names there are.
+        available: Vec<String>,
+    },
+    /// Several fields, and none was asked for.
+    #[error("which field? There {}", list(.available))]
+    FieldNotChosen {
+        /// The names there are.
+        available: Vec<String>,
+    },
+    /// A component that the field does not have.
+    #[error("field `{name}` has components 0 to {}, not {asked}", .components - 1)]
+    NoSuchComponent {
+        /// Name of the field.
+        name: String,
+        /// Component asked for.
+        asked: usize,
+        /// Number of components.
+        components: usize,
+    },
+    /// The values could not be loaded.
+    #[error(transparent)]
+    Field(#[from] FieldError),
+}
+
+fn list(names: &[String]) -> String {
+    match names {
+        [] => "are none".to_owned(),
+        names => format!("are: {}", names.join(", ")),
+    }
+}
+
+/// Which field to show.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum FieldChoice {
+    /// The only field, or the first with one component if there are several of them… never a guess
+    /// among equals: a lone field needs no choice, several are an error.
+    #[default]
+    Only,
+    /// By name.
+    Name(String),
+    /// By position in [`Dataset::fields`].
+    Index(usize),
+}
+
+/// Which component of a field with several.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ComponentChoice {
+    /// The lone component, or the magnitude of several.
+    #[default]
+    Auto,
+    /// One component, counted from 0.
+    Index(usize),
+    /// The Euclidean length.
+    Magnitude,
+}
+
+impl Dataset {
+    /// Puts geometry and fields together.
+    ///
+    /// # Errors
+    /// [`DatasetError::FieldLength`] or [`DatasetError::MaskLength`] if they do not fit.
+    pub fn new(geometry: Geometry, fields: Vec<Field>) -> Result<Self, DatasetError> {
+        for field in &fields {
+            let expected = match field.association() {
+                Association::Point => geometry.num_points(),
+                Association::Cell => geometry.num_cells(),
+            };
+            if field.tuples() != expected {
+                return Err(DatasetError::FieldLength {
+                    name: field.name().to_owned(),
+                    association: field.association(),
+                    actual: field.tuples(),
+                    expected,
+                });
+            }
+        }
+        Ok(Self {
+            geometry: Arc::new(geometry),
+            fields,
+            blanked_cells: None,
+            notes: Vec::new(),
+        })
+    }
+
+    /// Marks cells that hold nothing to see.
+    ///
+    /// # Errors
+    /// [`DatasetError::MaskLength`] if the mask covers another number of cells.
+    pub fn with_blanked_cells(mut self, mask: CellMask) -> Result<Self, DatasetError> {
+        let expected = self.geometry.num_cells();
+        if mask.len() != expected {
+            return Err(DatasetError::MaskLength {
+                actual: mask.len(),
+                expected,
+            });
+        }
+        self.blanked_cells = (mask.num_blank() > 0).then(|| Arc::new(mask));
+        Ok(self)
+    }
+
+    /// Adds something the user should know about how the file was understood.
+    pub fn with_note(mut self, note: impl Into<String>) -> Self {
+        self.notes.push(note.into());
+        self
+    }
+
+    /// Where the points and cells are.
+    pub fn geometry(&self) -> &Arc<Geometry> {
+        &self.geometry
+    }
+
+    /// All fields.
+    pub fn fields(&self) -> &[Field] {
+        &self.fields
+    }
+
+    /// Cells that hold nothing to see, if any.
+    pub fn blanked_cells(&self) -> Option<&Arc<CellMask>> {
+        self.blanked_cells.as_ref()
+    }
+
+    /// What the reader wants the user to know.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Finds a field.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoSuchField`] or [`DatasetError::FieldNotChosen`].
+    pub fn field(&self, choice: &FieldChoice) -> Result<&Field, DatasetError> {
+        let available = || {
+            self.fields
+                .iter()
+                .map(|f| f.name().to_owned())
+                .collect::<Vec<_>>()
+        };
+        match choice {
+            FieldChoice::Only => match self.fields.as_slice() {
+                [only] => Ok(only),
+                _ => Err(DatasetError::FieldNotChosen {
+                    available: available(),
+                }),
+            },
+            FieldChoice::Name(name) => {
+                self.fields
+                    .iter()
+                    .find(|f| f.name() == name)
+                    .ok_or_else(|| DatasetError::NoSuchField {
+                        asked: name.clone(),
+                        available: available(),
+                    })
+            }
+            FieldChoice::Index(index) => {
+                self.fields
+                    .get(*index)
+                    .ok_or_else(|| DatasetError::NoSuchField {
+                        asked: format!("#{index}"),
+                        available: available(),
+                    })
+            }
+        }
+    }
+
+    /// Loads one scalar field, ready to be rendered.
+    ///
+    /// # Errors
+    /// [`DatasetError`] if there is no such field or component, or it cannot be loaded.
+    pub fn volume(
+        &self,
+        field: &FieldChoice,
+        component: ComponentChoice,
+    ) -> Result<Volume, DatasetError> {
+        let field = self.field(field)?;
+        let all = field.load()?;
+        let scalars = match component {
+            ComponentChoice::Auto if all.components() == 1 => all.clone(),
+            ComponentChoice::Auto | ComponentChoice::Magnitude => all.magnitude(),
+            ComponentChoice::Index(asked) if asked < all.components() => all.component(asked),
+            ComponentChoice::Index(asked) => {
+                return Err(DatasetError::NoSuchComponent {
+                    name: field.name().to_owned(),
+                    asked,
+                    components: all.components(),
+                });
+            }
+        };
+        Ok(Volume {
+            geometry: self.geometry.clone(),
+            name: field.name().to_owned(),
+            association: field.association(),
+            scalars,
+            blanked_cells: self.blanked_cells.clone(),
+        })
+    }
+}
+
+/// What a renderer shows: geometry with one scalar a point or cell, in its native type.
+#[derive(Clone, Debug)]
+pub struct Volume {
+    geometry: Arc<Geometry>,
+    name: String,
+    association: Association,
+    scalars: DataArray,
+    blanked_cells: Option<Arc<CellMask>>,
+}
+
+impl Volume {
+    /// Where the points and cells are.
+    pub fn geometry(&self) -> &Arc<Geometry> {
+        &self.geometry
+    }
+
+    /// Name of the field.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether the scalars are on points or cells.
+    pub fn association(&self) -> Association {
+        self.association
+    }
+
+    /// One number a point or cell, x fastest.
+    pub fn scalars(&self) -> &DataArray {
+        &self.scalars
+    }
+
+    /// Cells that hold nothing to see, if any.
+    pub fn blanked_cells(&self) -> Option<&Arc<CellMask>> {
+        self.blanked_cells.as_ref()
+    }
+}

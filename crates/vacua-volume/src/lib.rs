@@ -1,0 +1,27 @@
+//! What vacua renders, and nothing about how: grids, fields in their native type, transfer
+//! functions and value ranges. No input or output, no rendering.
+//!
+//! A [`Dataset`] is what a file holds: a [`Geometry`] and any number of [`Field`]s. Choosing one
+//! scalar field makes a [`Volume`], which renderers take. A [`TransferFunction`] says what its
+//! values look like; compiled to a [`TransferTable`], it is what both sampling and empty-space
+//! classification evaluate.
+#![forbid(unsafe_code)]
+
+mod array;
+mod dataset;
+mod field;
+mod grid;
+mod range;
+mod scalar;
+mod transfer;
+
+pub use array::{ArrayError, ByteStore, DataArray};
+pub use dataset::{CellMask, ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
+pub use field::{Association, Field, FieldError, LoadError};
+pub use grid::{Bounds, CurvilinearGrid, Geometry, GridError, RectilinearGrid, UniformGrid};
+pub use range::{ValueMap, ValueRange};
+pub use scalar::{Scalar, ScalarType, UnknownScalarType};
+pub use transfer::{
+    ColorPoint, OpacityPoint, TRANSFER_BINS, TransferFunction, TransferFunctionError,
+    TransferTable, ValueScale,
+};

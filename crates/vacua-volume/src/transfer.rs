@@ -1,0 +1,505 @@
+//! Transfer functions: what a value looks like.
+//!
+//! People describe a [`TransferFunction`] with colour points and opacity points in data units;
+//! opacity `a` is per reference length `u`, that is, an extinction σ = −ln(1 − a) / u per world
+//! length. Compiled to a [`TransferTable`] it is *the* definition of colour and extinction: sampling
+//! interpolates the table, and empty-space classification asks the very same bins, so that what
+//! is classified as empty is exactly what would have contributed nothing.
+
+use crate::range::{ValueMap, ValueRange};
+
+/// Number of linear pieces in a [`TransferTable`]; it holds one entry more.
+pub const TRANSFER_BINS: usize = 1024;
+
+/// The largest opacity per reference length; 1 would be an infinite extinction.
+const MAX_OPACITY: f64 = 1.0 - 1e-6;
+
+/// A colour at a value. sRGB-encoded components in `0..=1`, as colour maps are published.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColorPoint {
+    /// Data value.
+    pub value: f64,
+    /// Red, green, blue, sRGB-encoded.
+    pub srgb: [f64; 3],
+}
+
+/// An opacity at a value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpacityPoint {
+    /// Data value.
+    pub value: f64,
+    /// Opacity of one reference length of this value, in `0..=1`.
+    pub opacity: f64,
+}
+
+/// How values are spread over the table between its ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ValueScale {
+    /// Evenly.
+    #[default]
+    Linear,
+    /// Evenly in the logarithm; values must be positive, others clamp to the lower end.
+    Log,
+}
+
+/// Why points make no transfer function.
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
+pub enum TransferFunctionError {
+    /// No colour points or no opacity points.
+    #[error("a transfer function needs at least one {0} point")]
+    Empty(&'static str),
+    /// A number that is not finite.
+    #[error("{kind} point {index} has a value or component that is not finite")]
+    NotFinite {
+        /// `colour` or `opacity`.
+        kind: &'static str,
+        /// Which point.
+        index: usize,
+    },
+    /// Values that step back.
+    #[error("{kind} point {index} at {value} comes after {previous}: values must not decrease")]
+    Decreasing {
+        /// `colour` or `opacity`.
+        kind: &'static str,
+        /// Which point.
+        index: usize,
+        /// Its value.
+        value: f64,
+        /// The value before it.
+        previous: f64,
+    },
+    /// An opacity or a colour component outside `0..=1`.
+    #[error("{kind} point {index} is {value}, outside 0 to 1")]
+    OutOfUnit {
+        /// `colour` or `opacity`.
+        kind: &'static str,
+        /// Which point.
+        index: usize,
+        /// The offending number.
+        value: f64,
+    },
+    /// A reference length that is not positive.
+    #[error("the reference length of opacity is {0}, it must be positive and finite")]
+    UnitLength(f64),
+    /// A logarithmic scale over values that are not positive.
+    #[error("a logarithmic scale needs positive values, the first point is at {0}")]
+    LogOfNonPositive(f64),
+}
+
+/// Maps a data value to a colour and to an extinction per world length; piecewise linear.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferFunction {
+    colors: Vec<ColorPoint>,
+    opacities: Vec<OpacityPoint>,
+    unit_length: f64,
+    scale: ValueScale,
+}
+
+impl TransferFunction {
+    /// A transfer function from points in order of value. `unit_length` is the world length over
+    /// which the opacities hold. Two points at one value make a step.
+    ///
+    /// # Errors
+    /// [`TransferFunctionError`] naming the offending point.
+    pub fn new(
+        colors: Vec<ColorPoint>,
+        opacities: Vec<OpacityPoint>,
+        unit_length: f64,
+        scale: ValueScale,
+    ) -> Result<Self, TransferFunctionError> {
+        check("colour", colors.iter().map(|c| (c.value, c.srgb.to_vec())))?;
+        check(
+            "opacity",
+            opacities.iter().map(|o| (o.value, vec![o.opacity])),
+        )?;
+        if !(unit_length > 0.0 && unit_length.is_finite()) {
+            return Err(TransferFunctionError::UnitLength(unit_length));
+        }
+        let lowest = colors[0].value.min(opacities[0].value);
+        if scale == ValueScale::Log && lowest <= 0.0 {
+            return Err(TransferFunctionError::LogOfNonPositive(lowest));
+        }
+        Ok(Self {
+            colors,
+            opacities,
+            unit_length,
+            scale,
+        })
+    }
+
+    /// The colour points, in order of value.
+    pub fn colors(&self) -> &[ColorPoint] {
+        &self.colors
+    }
+
+    /// The opacity points, in order of value.
+    pub fn opacities(&self) -> &[OpacityPoint] {
+        &self.opacities
+    }
+
+    /// The world length over which the opacities hold.
+    pub fn unit_length(&self) -> f64 {
+        self.unit_length
+    }
+
+    /// How values are spread between the points.
+    pub fn scale(&self) -> ValueScale {
+        self.scale
+    }
+
+    /// From the lowest to the highest point.
+    pub fn domain(&self) -> ValueRange {
+        let (c, o) = (&self.colors, &self.opacities);
+        ValueRange {
+            lo: c[0].value.min(o[0].value),
+            hi: c[c.len() - 1].value.max(o[o.len() - 1].value),
+        }
+    }
+
+    /// The values that the colours span.
+    pub fn color_range(&self) -> ValueRange {
+        ValueRange {
+            lo: self.colors[0].value,
+            hi: self.colors[self.colors.len() - 1].value,
+        }
+    }
+
+    /// sRGB-encoded colour at a value; values beyond the ends clamp.
+    pub fn srgb_at(&self, value: f64) -> [f64; 3] {
+        let (a, b, t) = self.bracket(value, self.colors.iter().map(|c| c.value));
+        let (a, b) = (self.colors[a].srgb, self.colors[b].srgb);
+        [0, 1, 2].map(|c| a[c] + t * (b[c] - a[c]))
+    }
+
+    /// Opacity per reference length at a value; values beyond the ends clamp.
+    pub fn opacity_at(&self, value: f64) -> f64 {
+        let (a, b, t) = self.bracket(value, self.opacities.iter().map(|o| o.value));
+        let (a, b) = (self.opacities[a].opacity, self.opacities[b].opacity);
+        a + t * (b - a)
+    }
+
+    /// Extinction per world length at a value.
+    pub fn extinction_at(&self, value: f64) -> f64 {
+        -(-self.opacity_at(value).min(MAX_OPACITY)).ln_1p() / self.unit_length
+    }
+
+    /// The two points around a value and the fraction between them.
+    fn bracket(&self, value: f64, values: impl Iterator<Item = f64>) -> (usize, usize, f64) {
+        let values: Vec<f64> = values.collect();
+        let after = values.partition_point(|&v| v <= value);
+        if after == 0 {
+            return (0, 0, 0.0);
+        }
+        if after == values.len() {
+            return (after - 1, after - 1, 0.0);
+        }
+        let (lo, hi) = (values[after - 1], values[after]);
+        let t = match self.scale {
+            ValueScale::Linear => (value - lo) / (hi - lo),
+            ValueScale::Log => (value / lo).ln() / (hi / lo).ln(),
+        };
+        (after - 1, after, t.clamp(0.0, 1.0))
+    }
+}
+
+fn check(
+    kind: &'static str,
+    points: impl Iterator<Item = (f64, Vec<f64>)>,
+) -> Result<(), TransferFunctionError> {
+    let mut previous = f64::NEG_INFINITY;
+    let mut any = false;
+    for (index, (value, numbers)) in points.enumerate() {
+        any = true;
+        if !value.is_finite() || numbers.iter().any(|n| !n.is_finite()) {
+            return Err(TransferFunctionError::NotFinite { kind, index });
+        }
+        if value < previous {
+            return Err(TransferFunctionError::Decreasing {
+                kind,
+                index,
+                value,
+                previous,
+            });
+        }
+        if let Some(&value) = numbers.iter().find(|n| !(0.0..=1.0).contains(*n)) {
+            return Err(TransferFunctionError::OutOfUnit { kind, index, value });
+        }
+        previous = value;
+    }
+    if any {
+        Ok(())
+    } else {
+        Err(TransferFunctionError::Empty(kind))
+    }
+}
+
+/// sRGB to linear light, for one component in `0..=1` (IEC 61966-2-1).
+pub(crate) fn linear_from_srgb(encoded: f64) -> f64 {
+    if encoded <= 0.04045 {
+        encoded / 12.92
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// A transfer function as renderers evaluate it: [`TRANSFER_BINS`] linear pieces over the values
+/// that occur, colours in linear light.
+///
+/// A value `v` has the table coordinate `u = clamp((key(v) − key(lo)) · bins_per_key, 0, BINS)`, bin
+/// `i = min(⌊u⌋, BINS − 1)` and fraction `u − i`; `key` is the identity on a linear scale, and the
+/// bit pattern of the `f32` (a monotone, piecewise linear logarithm) on a logarithmic one.
+/// Every step is monotone in `v`, so the bins of a range of values are the bins between those of
+/// its ends.
+#[derive(Clone, Debug)]
+pub struct TransferTable {
+    scale: ValueScale,
+    lo: f32,
+    bins_per_key: f32,
+    extinction: Vec<f32>,
+    rgb: [Vec<f32>; 3],
+    /// For each bin, the first bin at or after it with any extinction; one more entry than bins.
+    next_active: Vec<u32>,
+}
+
+impl TransferTable {
+    /// Compiles a transfer function for values within `data_range` (data units); the bins cover the
+    /// part of the function's domain that the data can reach. The table is asked with values that
+    /// went through `map`, which must be the identity on a logarithmic scale.
+    pub fn new(function: &TransferFunction, data_range: ValueRange, map: ValueMap) -> Self {
+        debug_assert!(function.scale == ValueScale::Linear || map.is_identity());
+        let domain = function.domain();
+        let mut lo = domain.lo.max(data_range.lo).min(domain.hi);
+        let hi = domain.hi.min(data_range.hi).max(lo);
+        if function.scale == ValueScale::Log {
+            lo = lo.max(f64::from(f32::MIN_POSITIVE));
+        }
+        let (lo32, hi32) = (map.rendered(lo), map.rendered(hi));
+        let width = match function.scale {
+            ValueScale::Linear => hi32 - lo32,
+            ValueScale::Log => (hi32.to_bits() as i32 - lo32.to_bits() as i32) as f32,
+        };
+        let bins_per_key = if width > 0.0 {
+            TRANSFER_BINS as f32 / width
+        } else {
+            0.0
+        };
+        let bins_per_key = if bins_per_key.is_finite() {
+            bins_per_key
+        } else {
+            0.0
+        };
+        let value_at = |entry: usize| -> f64 {
+            let fraction = entry as f64 / TRANSFER_BINS as f64;
+            match function.scale {
+                ValueScale::Linear => lo + fraction * (hi - lo),
+                ValueScale::Log => {
+                    let bits = lo32.to_bits() + (fraction * f64::from(width)) as u32;
+                    f64::from(f32::from_bits(bits))
+                }
+            }
+        };
+        let extinction: Vec<f32> = (0..=TRANSFER_BINS)
+            .map(|e| function.extinction_at(value_at(e)) as f32)
+            .collect();
+        let rgb = [0, 1, 2].map(|c| {
+            (0..=TRANSFER_BINS)
+                .map(|e| linear_from_srgb(function.srgb_at(value_at(e))[c]) as f32)
+                .collect()
+        });
+        let mut next_active = vec![TRANSFER_BINS as u32; TRANSFER_BINS + 1];
+        for bin in (0..TRANSFER_BINS).rev() {
+            let active = extinction[bin] > 0.0 || extinction[bin + 1] > 0.0;
+            next_active[bin] = if active {
+                bin as u32
+            } else {
+                next_active[bin + 1]
+            };
+        }
+        Self {
+            scale: function.scale,
+            lo: lo32,
+            bins_per_key,
+            extinction,
+            rgb,
+            next_active,
+        }
+    }
+
+    /// How table coordinates follow from values.
+    pub fn scale(&self) -> ValueScale {
+        self.scale
+    }
+
+    /// The value at table coordinate 0.
+    pub fn lo(&self) -> f32 {
+        self.lo
+    }
+
+    /// Factor from key difference to table coordinate.
+    pub fn bins_per_key(&self) -> f32 {
+        self.bins_per_key
+    }
+
+    /// Extinction per world length at the [`TRANSFER_BINS`] + 1 entries.
+    pub fn extinction(&self) -> &[f32] {
+        &self.extinction
+    }
+
+    /// Linear-light red (0), green (1) or blue (2) at the [`TRANSFER_BINS`] + 1 entries.
+    pub fn rgb(&self, channel: usize) -> &[f32] {
+        &self.rgb[channel]
+    }
+
+    /// For each bin, the first bin at or after it with any extinction ([`TRANSFER_BINS`] if none).
+    pub fn next_active(&self) -> &[u32] {
+        &self.next_active
+    }
+
+    /// Table coordinate of a value, in `0..=BINS`; the scalar twin of what the kernels compute.
+    #[inline]
+    pub fn coordinate(&self, value: f32) -> f32 {
+        let key = match self.scale {
+            ValueScale::Linear => value - self.lo,
+            ValueScale::Log => {
+                (value.max(self.lo).to_bits() as i32 - self.lo.to_bits() as i32) as f32
+            }
+        };
+        (key * self.bins_per_key).clamp(0.0, TRANSFER_BINS as f32)
+    }
+
+    /// The bin of a value.
+    #[inline]
+    pub fn bin(&self, value: f32) -> usize {
+        (self.coordinate(value) as usize).min(TRANSFER_BINS - 1)
+    }
+
+    /// Extinction per world length and linear-light colour at a value.
+    pub fn evaluate(&self, value: f32) -> (f32, [f32; 3]) {
+        let u = self.coordinate(value);
+        let bin = (u as usize).min(TRANSFER_BINS - 1);
+        let t = u - bin as f32;
+        let lerp = |a: &[f32]| t.mul_add(a[bin + 1] - a[bin], a[bin]);
+        (
+            lerp(&self.extinction),
+            [0, 1, 2].map(|c| lerp(&self.rgb[c])),
+        )
+    }
+
+    /// Whether any value in `lo..=hi` has any extinction, in constant time.
+    #[inline]
+    pub fn is_active(&self, lo: f32, hi: f32) -> bool {
+        self.next_active[self.bin(lo)] as usize <= self.bin(hi)
+    }
+
+    /// Whether every value is fully transparent.
+    pub fn is_empty(&self) -> bool {
+        self.next_active[0] as usize == TRANSFER_BINS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn ramp(points: &[(f64, f64)], scale: ValueScale) -> TransferFunction {
+        let colors = points
+            .iter()
+            .enumerate()
+            .map(|(i, p)| ColorPoint {
+                value: p.0,
+                srgb: [i as f64 / points.len() as f64; 3],
+            })
+            .collect();
+        let opacities = points
+            .iter()
+            .map(|p| OpacityPoint {
+                value: p.0,
+                opacity: p.1,
+            })
+            .collect();
+        TransferFunction::new(colors, opacities, 1.0, scale).expect("points are in order")
+    }
+
+    #[test]
+    fn the_table_follows_the_function() {
+        for scale in [ValueScale::Linear, ValueScale::Log] {
+            let f = ramp(&[(1.0, 0.0), (2.0, 0.0), (3.0, 0.2), (9.0, 0.7)], scale);
+            let t = TransferTable::new(&f, ValueRange { lo: 0.5, hi: 20.0 }, ValueMap::IDENTITY);
+            for i in 0..=1000 {
+                let v = 0.5 + f64::from(i) * 0.01;
+                let (sigma, _) = t.evaluate(v as f32);
+                assert!(
+                    (f64::from(sigma) - f.extinction_at(v)).abs() < 2e-3,
+                    "{scale:?} {v}"
+                );
+            }
+            assert_eq!(t.evaluate(1.5).0, 0.0);
+            assert!(!t.is_active(0.1, 1.9));
+            assert!(t.is_active(0.1, 2.1));
+            assert!(t.is_active(5.0, 5.0));
+        }
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        let c = |value| ColorPoint {
+            value,
+            srgb: [0.5; 3],
+        };
+        let o = |value, opacity| OpacityPoint { value, opacity };
+        let new = |c, o, u, s| TransferFunction::new(c, o, u, s).unwrap_err();
+        use TransferFunctionError as E;
+        let linear = ValueScale::Linear;
+        assert_eq!(
+            new(vec![], vec![o(0.0, 0.0)], 1.0, linear),
+            E::Empty("colour")
+        );
+        assert!(matches!(
+            new(vec![c(1.0), c(0.0)], vec![o(0.0, 0.0)], 1.0, linear),
+            E::Decreasing { index: 1, .. }
+        ));
+        assert!(matches!(
+            new(vec![c(1.0)], vec![o(0.0, 1.5)], 1.0, linear),
+            E::OutOfUnit {
+                kind: "opacity",
+                ..
+            }
+        ));
+        assert!(matches!(
+            new(vec![c(1.0)], vec![o(f64::NAN, 0.5)], 1.0, linear),
+            E::NotFinite { .. }
+        ));
+        assert_eq!(
+            new(vec![c(1.0)], vec![o(1.0, 0.5)], 0.0, linear),
+            E::UnitLength(0.0)
+        );
+        assert_eq!(
+            new(vec![c(-1.0)], vec![o(1.0, 0.5)], 1.0, ValueScale::Log),
+            E::LogOfNonPositive(-1.0)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn a_range_is_active_if_any_value_in_it_is(
+            mut knots in prop::collection::vec((0.0f64..10.0, prop_oneof![Just(0.0), 0.0..1.0]), 1..8),
+            ends in (-1.0f32..11.0, -1.0f32..11.0),
+            fractions in prop::collection::vec(0.0f32..=1.0, 32),
+        ) {
+            knots.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let t = TransferTable::new(
+                &ramp(&knots, ValueScale::Linear),
+                ValueRange { lo: -1.0, hi: 11.0 },
+                ValueMap::IDENTITY,
+            );
+            let (lo, hi) = (ends.0.min(ends.1), ends.0.max(ends.1));
+            for f in fractions {
+                let v = (lo + f * (hi - lo)).clamp(lo, hi);
+                if t.evaluate(v).0 > 0.0 {
+                    prop_assert!(t.is_active(lo, hi), "{v} in {lo}..={hi}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Scientific volume rendering that skips what is empty and packs what is not.

@@ -1,0 +1,3 @@
+//! The `vacua` command.
+
+fn main() {}

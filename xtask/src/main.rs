@@ -1,0 +1,3 @@
+//! Developer tasks for vacua: `cargo xtask <task>`.
+
+fn main() {}
