@@ -1,0 +1,338 @@
+//! The scalar twin of every vector operation: arrays of sixteen, one lane after the other.
+
+use std::array::from_fn;
+use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
+
+use crate::{BLOCK, Float, Int, LANES, Mask, Simd, Voxel, WideMap};
+
+/// Plain Rust; runs everywhere.
+#[derive(Clone, Copy, Debug)]
+pub struct Portable;
+
+/// Sixteen `f32` in an array.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct F([f32; LANES]);
+/// Sixteen `i32` in an array.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct I([i32; LANES]);
+/// Sixteen booleans, one bit each.
+#[derive(Clone, Copy, Debug)]
+pub struct M(u16);
+
+macro_rules! lanewise {
+    ($vector:ident, $trait:ident, $method:ident, |$a:ident, $b:ident| $body:expr) => {
+        impl $trait for $vector {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(from_fn(|lane| {
+                    let ($a, $b) = (self.0[lane], other.0[lane]);
+                    $body
+                }))
+            }
+        }
+    };
+}
+lanewise!(F, Add, add, |a, b| a + b);
+lanewise!(F, Sub, sub, |a, b| a - b);
+lanewise!(F, Mul, mul, |a, b| a * b);
+lanewise!(I, Add, add, |a, b| a.wrapping_add(b));
+lanewise!(I, Sub, sub, |a, b| a.wrapping_sub(b));
+lanewise!(I, Mul, mul, |a, b| a.wrapping_mul(b));
+
+impl BitAnd for M {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+impl BitOr for M {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+impl Not for M {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+impl Mask for M {
+    #[inline(always)]
+    fn from_bits(bits: u16) -> Self {
+        Self(bits)
+    }
+    #[inline(always)]
+    fn to_bits(self) -> u16 {
+        self.0
+    }
+}
+
+/// Builds a mask from a predicate on lanes.
+#[inline(always)]
+fn mask(predicate: impl Fn(usize) -> bool) -> M {
+    M((0..LANES).fold(0, |bits, lane| bits | u16::from(predicate(lane)) << lane))
+}
+
+impl Float for F {
+    type M = M;
+    type I = I;
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self([value; LANES])
+    }
+    #[inline(always)]
+    fn from_array(values: [f32; LANES]) -> Self {
+        Self(values)
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f32; LANES] {
+        self.0
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(from_fn(|i| self.0[i].mul_add(b.0[i], c.0[i])))
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(from_fn(|i| {
+            if self.0[i] < b.0[i] {
+                self.0[i]
+            } else {
+                b.0[i]
+            }
+        }))
+    }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        Self(from_fn(|i| {
+            if self.0[i] > b.0[i] {
+                self.0[i]
+            } else {
+                b.0[i]
+            }
+        }))
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(self.0.map(f32::floor))
+    }
+    #[inline(always)]
+    fn round(self) -> Self {
+        Self(self.0.map(f32::round_ties_even))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f32::sqrt))
+    }
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(from_fn(|i| self.0[i] / b.0[i]))
+    }
+    #[inline(always)]
+    fn to_i(self) -> I {
+        I(self.0.map(|v| v as i32))
+    }
+    #[inline(always)]
+    fn to_bits(self) -> I {
+        I(self.0.map(|v| v.to_bits() as i32))
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> M {
+        mask(|i| self.0[i] < b.0[i])
+    }
+    #[inline(always)]
+    fn le(self, b: Self) -> M {
+        mask(|i| self.0[i] <= b.0[i])
+    }
+    #[inline(always)]
+    fn select(self, mask: M, other: Self) -> Self {
+        Self(from_fn(|i| {
+            if mask.0 >> i & 1 == 1 {
+                self.0[i]
+            } else {
+                other.0[i]
+            }
+        }))
+    }
+    #[inline(always)]
+    fn block_products(self) -> (Self, [f32; 2]) {
+        let mut inclusive = self.0;
+        for shift in [1, 2, 4] {
+            let before = inclusive;
+            for i in 0..LANES {
+                if i % BLOCK >= shift {
+                    inclusive[i] = before[i] * before[i - shift];
+                }
+            }
+        }
+        let exclusive = from_fn(|i| {
+            if i % BLOCK == 0 {
+                1.0
+            } else {
+                inclusive[i - 1]
+            }
+        });
+        (
+            Self(exclusive),
+            [inclusive[BLOCK - 1], inclusive[LANES - 1]],
+        )
+    }
+    #[inline(always)]
+    fn blocks(self) -> [[f32; BLOCK]; 2] {
+        [from_fn(|i| self.0[i]), from_fn(|i| self.0[BLOCK + i])]
+    }
+}
+
+impl Int for I {
+    type M = M;
+
+    #[inline(always)]
+    fn splat(value: i32) -> Self {
+        Self([value; LANES])
+    }
+    #[inline(always)]
+    fn from_array(values: [i32; LANES]) -> Self {
+        Self(values)
+    }
+    #[inline(always)]
+    fn to_array(self) -> [i32; LANES] {
+        self.0
+    }
+    #[inline(always)]
+    fn min(self, b: Self) -> Self {
+        Self(from_fn(|i| self.0[i].min(b.0[i])))
+    }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        Self(from_fn(|i| self.0[i].max(b.0[i])))
+    }
+    #[inline(always)]
+    fn and(self, b: Self) -> Self {
+        Self(from_fn(|i| self.0[i] & b.0[i]))
+    }
+    #[inline(always)]
+    fn shl<const N: u32>(self) -> Self {
+        Self(self.0.map(|v| v << N))
+    }
+    #[inline(always)]
+    fn shr(self, by: Self) -> Self {
+        Self(from_fn(|i| ((self.0[i] as u32) >> (by.0[i] & 31)) as i32))
+    }
+    #[inline(always)]
+    fn lt(self, b: Self) -> M {
+        mask(|i| self.0[i] < b.0[i])
+    }
+    #[inline(always)]
+    fn eq(self, b: Self) -> M {
+        mask(|i| self.0[i] == b.0[i])
+    }
+}
+
+/// Loads a pair without a bounds check in release builds.
+///
+/// # Safety
+/// `index + 1 < slice.len()`.
+#[inline(always)]
+unsafe fn pair<T: Copy>(slice: &[T], index: usize) -> (T, T) {
+    debug_assert!(index + 1 < slice.len(), "{index} of {}", slice.len());
+    // SAFETY: the caller's promise.
+    unsafe { (*slice.get_unchecked(index), *slice.get_unchecked(index + 1)) }
+}
+
+/// Splits an array of pairs.
+#[inline(always)]
+fn unzip(pairs: [(f32, f32); LANES]) -> (F, F) {
+    (F(pairs.map(|p| p.0)), F(pairs.map(|p| p.1)))
+}
+
+impl Simd for Portable {
+    type F = F;
+    type I = I;
+    type M = M;
+    type Offsets = [u64; LANES];
+
+    #[inline(always)]
+    fn f_from_i(a: I) -> F {
+        F(a.0.map(|v| v as f32))
+    }
+    #[inline(always)]
+    fn f_from_bits(a: I) -> F {
+        F(a.0.map(|v| f32::from_bits(v as u32)))
+    }
+    #[inline(always)]
+    fn offsets(high: I, stride: u32, low: I) -> [u64; LANES] {
+        from_fn(|i| u64::from(high.0[i] as u32) * u64::from(stride) + u64::from(low.0[i] as u32))
+    }
+    #[inline(always)]
+    unsafe fn gather(slice: &[f32], index: I) -> F {
+        F(from_fn(|i| {
+            debug_assert!((index.0[i] as usize) < slice.len());
+            // SAFETY: the caller's promise.
+            unsafe { *slice.get_unchecked(index.0[i] as usize) }
+        }))
+    }
+    #[inline(always)]
+    unsafe fn gather_pair(slice: &[f32], index: I) -> (F, F) {
+        // SAFETY: the caller's promise.
+        unzip(from_fn(|i| unsafe { pair(slice, index.0[i] as usize) }))
+    }
+    #[inline(always)]
+    unsafe fn gather_u32(slice: &[u32], index: I) -> I {
+        I(from_fn(|i| {
+            debug_assert!((index.0[i] as usize) < slice.len());
+            // SAFETY: the caller's promise.
+            unsafe { *slice.get_unchecked(index.0[i] as usize) as i32 }
+        }))
+    }
+    #[inline(always)]
+    unsafe fn voxel_pair<T: Voxel>(
+        voxels: &[T],
+        from: usize,
+        offsets: [u64; LANES],
+        map: Option<WideMap>,
+    ) -> (F, F) {
+        unzip(from_fn(|i| {
+            // SAFETY: the caller's promise.
+            let (a, b) = unsafe { pair(voxels, from + offsets[i] as usize) };
+            (a.rendered(map), b.rendered(map))
+        }))
+    }
+    #[inline(always)]
+    unsafe fn voxel_pair_32<T: Voxel>(
+        voxels: &[T],
+        from: usize,
+        offsets: I,
+        map: Option<WideMap>,
+    ) -> (F, F) {
+        // SAFETY: the caller's promise, the offsets only widened.
+        unsafe { Self::voxel_pair(voxels, from, offsets.0.map(|o| u64::from(o as u32)), map) }
+    }
+    #[inline(always)]
+    unsafe fn voxel<T: Voxel>(
+        voxels: &[T],
+        offsets: [u64; LANES],
+        mask: M,
+        map: Option<WideMap>,
+    ) -> F {
+        F(from_fn(|i| {
+            if mask.0 >> i & 1 == 0 {
+                return 0.0;
+            }
+            debug_assert!((offsets[i] as usize) < voxels.len());
+            // SAFETY: the caller's promise for lanes of the mask.
+            unsafe { voxels.get_unchecked(offsets[i] as usize) }.rendered(map)
+        }))
+    }
+}

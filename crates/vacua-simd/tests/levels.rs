@@ -1,0 +1,162 @@
+//! Every instruction set computes the bits that the scalar twin computes.
+
+use proptest::prelude::*;
+use vacua_simd::{
+    Float, Int, Kernel, LANES, Level, Mask, Portable, Simd, Voxel, WideMap, dispatch_at,
+};
+
+/// Every operation on the same operands, results as bits.
+struct Operations {
+    a: [f32; LANES],
+    b: [f32; LANES],
+    c: [f32; LANES],
+    i: [i32; LANES],
+    j: [i32; LANES],
+}
+
+impl Kernel for Operations {
+    type Output = Vec<u32>;
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<u32> {
+        let [a, b, c] = [self.a, self.b, self.c].map(S::F::from_array);
+        let [i, j] = [self.i, self.j].map(S::I::from_array);
+        let m = a.lt(b);
+        let n = b.le(c) & !m | i.lt(j) & i.eq(i.min(j));
+        let (products, ends) = a.block_products();
+        let floats = [
+            a + b,
+            a - b,
+            a * b,
+            a.mul_add(b, c),
+            a.min(b),
+            a.max(b),
+            a.floor(),
+            a.round(),
+            a.abs(),
+            a.abs().sqrt(),
+            a.div(b),
+            a.select(n, c),
+            a.or_zero(m),
+            products,
+            S::f_from_i(i),
+            S::f_from_bits(a.to_bits()),
+            S::f_from_i(a.to_i()),
+        ];
+        let shifts = j.and(S::I::splat(31));
+        let ints = [
+            i + j,
+            i - j,
+            i * j,
+            i.min(j),
+            i.max(j),
+            i.and(j),
+            i.shl::<5>(),
+            i.shr(shifts),
+        ];
+        let mut out: Vec<u32> = floats
+            .iter()
+            .flat_map(|f| f.to_array())
+            .map(f32::to_bits)
+            .collect();
+        out.extend(ints.iter().flat_map(|i| i.to_array()).map(|v| v as u32));
+        out.extend([u32::from(m.to_bits()), u32::from(n.to_bits())]);
+        out.extend(ends.map(f32::to_bits));
+        out.extend(c.blocks().as_flattened().iter().map(|v| v.to_bits()));
+        out
+    }
+}
+
+/// All three voxel fetches at the same places.
+struct Fetches<'a, T> {
+    voxels: &'a [T],
+    places: [i32; LANES],
+    mask: u16,
+    map: Option<WideMap>,
+}
+
+impl<T: Voxel> Kernel for Fetches<'_, T> {
+    type Output = Vec<u32>;
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<u32> {
+        let places = S::I::from_array(self.places);
+        let wide = S::offsets(S::I::splat(0), 7, places);
+        // SAFETY: the test draws places below `voxels.len() − 2`, and one more is added at most.
+        let (p, q, one) = unsafe {
+            (
+                S::voxel_pair_32(self.voxels, 1, places, self.map),
+                S::voxel_pair(self.voxels, 0, wide, self.map),
+                S::voxel(self.voxels, wide, S::M::from_bits(self.mask), self.map),
+            )
+        };
+        [p.0, p.1, q.0, q.1, one]
+            .iter()
+            .flat_map(|f| f.to_array())
+            .map(f32::to_bits)
+            .collect()
+    }
+}
+
+fn check_fetch<T: Voxel>(voxels: &[T], places: [i32; LANES], mask: u16, map: Option<WideMap>) {
+    let fetch = || Fetches {
+        voxels,
+        places,
+        mask,
+        map,
+    };
+    let expected = fetch().run::<Portable>();
+    for level in Level::available() {
+        assert_eq!(
+            dispatch_at(level, fetch()),
+            expected,
+            "{:?} {level:?}",
+            T::KIND
+        );
+    }
+    for (lane, &bits) in expected[..LANES].iter().enumerate() {
+        assert_eq!(
+            bits,
+            voxels[places[lane] as usize + 1].rendered(map).to_bits()
+        );
+    }
+}
+
+proptest! {
+    #[test]
+    fn operations_agree(
+        a in prop::array::uniform16(-1e6f32..1e6),
+        b in prop::array::uniform16(prop_oneof![Just(0.5f32), -10.0f32..10.0]),
+        c in prop::array::uniform16(prop_oneof![Just(f32::NAN), Just(f32::INFINITY), -1.0f32..1.0]),
+        i in prop::array::uniform16(any::<i32>()),
+        j in prop::array::uniform16(any::<i32>()),
+    ) {
+        let operations = || Operations { a, b, c, i, j };
+        let expected = operations().run::<Portable>();
+        for level in Level::available() {
+            let actual = dispatch_at(level, operations());
+            for (k, (x, y)) in expected.iter().zip(&actual).enumerate() {
+                let both_nan = f32::from_bits(*x).is_nan() && f32::from_bits(*y).is_nan();
+                prop_assert!(x == y || both_nan, "output {} differs on {:?}", k, level);
+            }
+        }
+    }
+
+    #[test]
+    fn fetches_agree(
+        seed in prop::collection::vec(any::<u64>(), 5..60),
+        picks in prop::array::uniform16(any::<u16>()),
+        mask in any::<u16>(),
+    ) {
+        let places = picks.map(|p| i32::from(p) % (seed.len() as i32 - 2));
+        let map = Some(WideMap { offset: 12345.5, factor: 1e-3 });
+        macro_rules! check {
+            ($($t:ty => $from:expr),*) => {$(
+                let voxels: Vec<$t> = seed.iter().map(|&s| { let f: fn(u64) -> $t = $from; f(s) }).collect();
+                check_fetch(&voxels, places, mask, None);
+                if std::mem::size_of::<$t>() >= 4 { check_fetch(&voxels, places, mask, map); }
+            )*};
+        }
+        check!(u8 => |s| s as u8, i8 => |s| s as i8, u16 => |s| s as u16, i16 => |s| s as i16,
+            u32 => |s| s as u32, i32 => |s| s as i32, u64 => |s| s, i64 => |s| s as i64,
+            f32 => |s| s as u32 as f32 * 0.37 - 1e6, f64 => |s| s as f64 * 0.37 - 1e9);
+    }
+}
