@@ -1,1 +1,24 @@
-//! Scene, camera, frame and the CPU integrators of vacua.
+//! Scene, camera, frame, and the integrators on the CPU.
+//!
+//! A [`Scene`] is a volume, a transfer function and a camera; [`RenderSettings`] say how its
+//! picture is made; a [`Renderer`] makes the [`Frame`]. Whatever the settings for skipping, the
+//! picture is the same to the bit.
+
+mod blocks;
+mod camera;
+mod cpu;
+mod error;
+mod frame;
+mod march;
+mod sampler;
+mod scene;
+mod setup;
+mod space;
+mod stage;
+mod tiles;
+
+pub use camera::{Camera, CameraError, Projection, View};
+pub use cpu::{CpuRenderer, DEFAULT_MACROCELL_SIDE, RenderReport, Renderer, Rendering};
+pub use error::RenderError;
+pub use frame::Frame;
+pub use scene::{ClipPlane, Integrator, Jitter, RenderSettings, Scene, Shading, SkipMethod};

@@ -191,6 +191,18 @@ impl Float for F {
         }
         blocks
     }
+    #[inline(always)]
+    fn of_blocks(first: f32, second: f32) -> Self {
+        simd!(join(_mm256_set1_ps(first), _mm256_set1_ps(second)))
+    }
+    #[inline(always)]
+    fn add_blocks(self, x: Self) -> Self {
+        simd! {
+            let sum = _mm256_add_ps(_mm512_castps512_ps256(self.0), _mm512_castps512_ps256(x.0));
+            let sum = _mm256_add_ps(sum, _mm512_extractf32x8_ps::<1>(x.0));
+            F(_mm512_zextps256_ps512(sum))
+        }
+    }
 }
 
 impl Int for I {
@@ -321,11 +333,23 @@ impl Offsets for [__m512i; 2] {
     fn limit(self, last: usize) -> (Self, __m512i) {
         simd! {
             let last = _mm512_set1_epi64(last as i64);
-            let limited = self.map(|o| _mm512_min_epi64(o, last));
-            let over = [0, 1].map(|h| _mm512_cvtepi64_epi32(_mm512_sub_epi64(self[h], limited[h])));
-            let over = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(over[0]), over[1]);
+            let limited = [_mm512_min_epi64(self[0], last), _mm512_min_epi64(self[1], last)];
+            let over_low = _mm512_cvtepi64_epi32(_mm512_sub_epi64(self[0], limited[0]));
+            let over_high = _mm512_cvtepi64_epi32(_mm512_sub_epi64(self[1], limited[1]));
+            let over = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(over_low), over_high);
             (limited, _mm512_slli_epi32::<3>(over))
         }
+    }
+}
+
+/// `factor · stride + term` of eight lanes in 64 bits, all taken as non-negative.
+#[inline(always)]
+fn term(factor: __m256i, stride: __m512i, term: __m256i) -> __m512i {
+    simd! {
+        _mm512_add_epi64(
+            _mm512_mul_epu32(_mm512_cvtepu32_epi64(factor), stride),
+            _mm512_cvtepu32_epi64(term),
+        )
     }
 }
 
@@ -346,13 +370,16 @@ fn unzip_32(pairs: [__m512i; 2]) -> (__m512i, __m512i) {
 #[inline(always)]
 fn narrow(wide: [__m512d; 2], map: Option<WideMap>) -> F {
     simd! {
-        let mapped = wide.map(|v| match map {
-            None => v,
-            Some(map) => _mm512_mul_pd(
-                _mm512_sub_pd(v, _mm512_set1_pd(map.offset)),
-                _mm512_set1_pd(map.factor),
-            ),
-        });
+        let mapped = match map {
+            None => wide,
+            Some(map) => {
+                let (offset, factor) = (_mm512_set1_pd(map.offset), _mm512_set1_pd(map.factor));
+                [
+                    _mm512_mul_pd(_mm512_sub_pd(wide[0], offset), factor),
+                    _mm512_mul_pd(_mm512_sub_pd(wide[1], offset), factor),
+                ]
+            }
+        };
         join(_mm512_cvtpd_ps(mapped[0]), _mm512_cvtpd_ps(mapped[1]))
     }
 }
@@ -372,8 +399,8 @@ fn from_32<T: Voxel>(raw: __m512i, map: Option<WideMap>) -> F {
                 narrow([_mm512_cvtepi32_pd(low(raw)), _mm512_cvtepi32_pd(high(raw))], map)
             }
             _ => {
-                let halves = [low(raw), high(raw)];
-                narrow(halves.map(|h| _mm512_cvtps_pd(_mm256_castsi256_ps(h))), map)
+                let halves = [_mm256_castsi256_ps(low(raw)), _mm256_castsi256_ps(high(raw))];
+                narrow([_mm512_cvtps_pd(halves[0]), _mm512_cvtps_pd(halves[1])], map)
             }
         }
     }
@@ -386,9 +413,9 @@ fn from_64<T: Voxel>(raw: [__m512i; 2], map: Option<WideMap>) -> F {
         match (T::KIND, map) {
             (VoxelKind::U64, None) => join(_mm512_cvtepu64_ps(raw[0]), _mm512_cvtepu64_ps(raw[1])),
             (VoxelKind::I64, None) => join(_mm512_cvtepi64_ps(raw[0]), _mm512_cvtepi64_ps(raw[1])),
-            (VoxelKind::U64, _) => narrow(raw.map(|r| _mm512_cvtepu64_pd(r)), map),
-            (VoxelKind::I64, _) => narrow(raw.map(|r| _mm512_cvtepi64_pd(r)), map),
-            _ => narrow(raw.map(|r| _mm512_castsi512_pd(r)), map),
+            (VoxelKind::U64, _) => narrow([_mm512_cvtepu64_pd(raw[0]), _mm512_cvtepu64_pd(raw[1])], map),
+            (VoxelKind::I64, _) => narrow([_mm512_cvtepi64_pd(raw[0]), _mm512_cvtepi64_pd(raw[1])], map),
+            _ => narrow([_mm512_castsi512_pd(raw[0]), _mm512_castsi512_pd(raw[1])], map),
         }
     }
 }
@@ -470,13 +497,10 @@ impl Simd for Avx512 {
     fn offsets(high_factor: I, stride: u32, low_term: I) -> [__m512i; 2] {
         simd! {
             let stride = _mm512_set1_epi64(i64::from(stride));
-            let half = |h: __m256i, l: __m256i| {
-                _mm512_add_epi64(
-                    _mm512_mul_epu32(_mm512_cvtepu32_epi64(h), stride),
-                    _mm512_cvtepu32_epi64(l),
-                )
-            };
-            [half(low(high_factor.0), low(low_term.0)), half(high(high_factor.0), high(low_term.0))]
+            [
+                term(low(high_factor.0), stride, low(low_term.0)),
+                term(high(high_factor.0), stride, high(low_term.0)),
+            ]
         }
     }
     #[inline(always)]

@@ -2,9 +2,9 @@
 
 use std::sync::OnceLock;
 
-#[cfg(target_arch = "x86_64")]
-use crate::avx512::Avx512;
 use crate::{Portable, Simd};
+#[cfg(target_arch = "x86_64")]
+use crate::{avx2::Avx2, avx512::Avx512};
 
 /// Work that is written for any instruction set.
 ///
@@ -91,5 +91,5 @@ fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run::<Portable>()
+    kernel.run::<Avx2>()
 }

@@ -3,12 +3,13 @@
 //! Kernels are written once, generic over [`Simd`], and run through [`dispatch`], which picks the
 //! widest instruction set of the machine at run time. All operations are IEEE 754 operations with
 //! one rounding (fused multiply-add included), so every instruction set computes the same bits;
-//! the tests compare them. [`Portable`] is the scalar twin: plain arrays, which the compiler
-//! vectorises for AVX2 or NEON where it runs under those features.
+//! the tests compare them. [`Portable`] is the scalar twin: plain arrays, on every machine.
 //!
-//! The whole of vacua's `unsafe` vector code is in `avx512` and in the gathers; what a gather's
+//! The whole of vacua's `unsafe` vector code is in `avx512`, `avx2` and the gathers; what a gather's
 //! caller must guarantee is that indices lie within the slice.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod dispatch;
@@ -26,6 +27,31 @@ pub const LANES: usize = 16;
 
 /// Samples in a block of the rendering contract; a vector holds two blocks.
 pub const BLOCK: usize = 8;
+
+/// An array of three, one expression an axis: `per_axis!(a => position[a] + step[a])`.
+///
+/// Vector code uses this instead of `[0, 1, 2].map(|a| …)`: the closure that `map` takes, and `map`
+/// itself, are functions without the features of the instruction set, and when they are not inlined
+/// every operation in them becomes a call.
+#[macro_export]
+macro_rules! per_axis {
+    ($a:ident => $body:expr) => {
+        [
+            {
+                let $a = 0usize;
+                $body
+            },
+            {
+                let $a = 1usize;
+                $body
+            },
+            {
+                let $a = 2usize;
+                $body
+            },
+        ]
+    };
+}
 
 /// How values of wide types become `f32`: `((value − offset) · factor) as f32`, in `f64`.
 #[derive(Clone, Copy, Debug)]
@@ -211,6 +237,11 @@ pub trait Float:
     fn block_products(self) -> (Self, [f32; 2]);
     /// The two blocks.
     fn blocks(self) -> [[f32; BLOCK]; 2];
+    /// `first` in the lanes of the first block, `second` in those of the second.
+    fn of_blocks(first: f32, second: f32) -> Self;
+    /// Adds the first block of `x`, then the second, to the first block of `self`; the second
+    /// block of the result is 0.
+    fn add_blocks(self, x: Self) -> Self;
 }
 
 /// Sixteen `i32`, wrapping.

@@ -1,4 +1,7 @@
 //! The scalar twin of every vector operation: arrays of sixteen, one lane after the other.
+//!
+//! Operations are functions of their own on purpose: unrolled sixteenfold into every kernel they
+//! would cost minutes of compile time, for a path that only machines without AVX2 take.
 
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
@@ -25,7 +28,7 @@ macro_rules! lanewise {
     ($vector:ident, $trait:ident, $method:ident, |$a:ident, $b:ident| $body:expr) => {
         impl $trait for $vector {
             type Output = Self;
-            #[inline(always)]
+            #[inline(never)]
             fn $method(self, other: Self) -> Self {
                 Self(from_fn(|lane| {
                     let ($a, $b) = (self.0[lane], other.0[lane]);
@@ -96,11 +99,11 @@ impl Float for F {
     fn to_array(self) -> [f32; LANES] {
         self.0
     }
-    #[inline(always)]
+    #[inline(never)]
     fn mul_add(self, b: Self, c: Self) -> Self {
         Self(from_fn(|i| self.0[i].mul_add(b.0[i], c.0[i])))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn min(self, b: Self) -> Self {
         Self(from_fn(|i| {
             if self.0[i] < b.0[i] {
@@ -110,7 +113,7 @@ impl Float for F {
             }
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn max(self, b: Self) -> Self {
         Self(from_fn(|i| {
             if self.0[i] > b.0[i] {
@@ -120,43 +123,43 @@ impl Float for F {
             }
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn floor(self) -> Self {
         Self(self.0.map(f32::floor))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn round(self) -> Self {
         Self(self.0.map(f32::round_ties_even))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn abs(self) -> Self {
         Self(self.0.map(f32::abs))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn sqrt(self) -> Self {
         Self(self.0.map(f32::sqrt))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn div(self, b: Self) -> Self {
         Self(from_fn(|i| self.0[i] / b.0[i]))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn to_i(self) -> I {
         I(self.0.map(|v| v as i32))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn to_bits(self) -> I {
         I(self.0.map(|v| v.to_bits() as i32))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn lt(self, b: Self) -> M {
         mask(|i| self.0[i] < b.0[i])
     }
-    #[inline(always)]
+    #[inline(never)]
     fn le(self, b: Self) -> M {
         mask(|i| self.0[i] <= b.0[i])
     }
-    #[inline(always)]
+    #[inline(never)]
     fn select(self, mask: M, other: Self) -> Self {
         Self(from_fn(|i| {
             if mask.0 >> i & 1 == 1 {
@@ -166,7 +169,7 @@ impl Float for F {
             }
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn block_products(self) -> (Self, [f32; 2]) {
         let mut inclusive = self.0;
         for shift in [1, 2, 4] {
@@ -189,9 +192,18 @@ impl Float for F {
             [inclusive[BLOCK - 1], inclusive[LANES - 1]],
         )
     }
-    #[inline(always)]
+    #[inline(never)]
     fn blocks(self) -> [[f32; BLOCK]; 2] {
         [from_fn(|i| self.0[i]), from_fn(|i| self.0[BLOCK + i])]
+    }
+    #[inline(never)]
+    fn of_blocks(first: f32, second: f32) -> Self {
+        Self(from_fn(|i| if i < BLOCK { first } else { second }))
+    }
+    #[inline(never)]
+    fn add_blocks(self, x: Self) -> Self {
+        let sum = |i: usize| self.0[i] + x.0[i] + x.0[BLOCK + i];
+        Self(from_fn(|i| if i < BLOCK { sum(i) } else { 0.0 }))
     }
 }
 
@@ -210,31 +222,31 @@ impl Int for I {
     fn to_array(self) -> [i32; LANES] {
         self.0
     }
-    #[inline(always)]
+    #[inline(never)]
     fn min(self, b: Self) -> Self {
         Self(from_fn(|i| self.0[i].min(b.0[i])))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn max(self, b: Self) -> Self {
         Self(from_fn(|i| self.0[i].max(b.0[i])))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn and(self, b: Self) -> Self {
         Self(from_fn(|i| self.0[i] & b.0[i]))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn shl<const N: u32>(self) -> Self {
         Self(self.0.map(|v| v << N))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn shr(self, by: Self) -> Self {
         Self(from_fn(|i| ((self.0[i] as u32) >> (by.0[i] & 31)) as i32))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn lt(self, b: Self) -> M {
         mask(|i| self.0[i] < b.0[i])
     }
-    #[inline(always)]
+    #[inline(never)]
     fn eq(self, b: Self) -> M {
         mask(|i| self.0[i] == b.0[i])
     }
@@ -263,7 +275,7 @@ impl Simd for Portable {
     type M = M;
     type Offsets = [u64; LANES];
 
-    #[inline(always)]
+    #[inline(never)]
     fn f_from_i(a: I) -> F {
         F(a.0.map(|v| v as f32))
     }
@@ -271,11 +283,11 @@ impl Simd for Portable {
     fn f_from_bits(a: I) -> F {
         F(a.0.map(|v| f32::from_bits(v as u32)))
     }
-    #[inline(always)]
+    #[inline(never)]
     fn offsets(high: I, stride: u32, low: I) -> [u64; LANES] {
         from_fn(|i| u64::from(high.0[i] as u32) * u64::from(stride) + u64::from(low.0[i] as u32))
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn gather(slice: &[f32], index: I) -> F {
         F(from_fn(|i| {
             debug_assert!((index.0[i] as usize) < slice.len());
@@ -283,12 +295,12 @@ impl Simd for Portable {
             unsafe { *slice.get_unchecked(index.0[i] as usize) }
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn gather_pair(slice: &[f32], index: I) -> (F, F) {
         // SAFETY: the caller's promise.
         unzip(from_fn(|i| unsafe { pair(slice, index.0[i] as usize) }))
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn gather_u32(slice: &[u32], index: I) -> I {
         I(from_fn(|i| {
             debug_assert!((index.0[i] as usize) < slice.len());
@@ -296,7 +308,7 @@ impl Simd for Portable {
             unsafe { *slice.get_unchecked(index.0[i] as usize) as i32 }
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn voxel_pair<T: Voxel>(
         voxels: &[T],
         from: usize,
@@ -309,7 +321,7 @@ impl Simd for Portable {
             (a.rendered(map), b.rendered(map))
         }))
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn voxel_pair_32<T: Voxel>(
         voxels: &[T],
         from: usize,
@@ -319,7 +331,7 @@ impl Simd for Portable {
         // SAFETY: the caller's promise, the offsets only widened.
         unsafe { Self::voxel_pair(voxels, from, offsets.0.map(|o| u64::from(o as u32)), map) }
     }
-    #[inline(always)]
+    #[inline(never)]
     unsafe fn voxel<T: Voxel>(
         voxels: &[T],
         offsets: [u64; LANES],

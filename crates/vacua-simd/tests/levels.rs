@@ -41,6 +41,8 @@ impl Kernel for Operations {
             S::f_from_i(i),
             S::f_from_bits(a.to_bits()),
             S::f_from_i(a.to_i()),
+            S::F::of_blocks(self.a[3], self.b[5]),
+            a.add_blocks(b),
         ];
         let shifts = j.and(S::I::splat(31));
         let ints = [

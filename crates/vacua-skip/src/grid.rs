@@ -6,7 +6,7 @@
 //! direction of the ray (one per octant of directions), which answers most with "nothing near";
 //! for the rest, and for blocks longer than a macrocell, each sample is located.
 
-use vacua_simd::{BLOCK, Float, Int, Kernel, LANES, Mask, Simd, dispatch};
+use vacua_simd::{BLOCK, Float, Int, Kernel, LANES, Mask, Simd, dispatch, per_axis};
 
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
@@ -136,7 +136,7 @@ impl Walk<'_> {
     /// Macrocells of sixteen samples.
     #[inline(always)]
     fn macrocells<S: Simd>(&self, k: S::F) -> [S::I; 3] {
-        [0, 1, 2].map(|axis| {
+        per_axis!(axis => {
             let step = S::F::splat(self.ray.step[axis]);
             let at = k.mul_add(step, S::F::splat(self.ray.start[axis]));
             self.grid.lattice.macrocell::<S>(axis, at)
@@ -188,8 +188,8 @@ impl Kernel for Walk<'_> {
                 let head = self.macrocells::<S>(k);
                 let tail = self.macrocells::<S>(k + S::F::splat((BLOCK - 1) as f32));
                 let sure = Self::bits::<S>(active, &head) | Self::bits::<S>(active, &tail);
-                let same = [0, 1, 2].map(|a| head[a].eq(tail[a]));
-                let near = [0, 1, 2].map(|a| {
+                let same = per_axis!(a => head[a].eq(tail[a]));
+                let near = per_axis!(a => {
                     let apart = tail[a] - head[a];
                     apart.lt(S::I::splat(2)) & S::I::splat(-2).lt(apart)
                 });

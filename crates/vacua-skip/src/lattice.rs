@@ -1,7 +1,7 @@
 //! Ray space: cells between axis-aligned planes, macrocells of K cells a side, and the one
 //! function that says in which cell a coordinate lies.
 
-use vacua_simd::{Float, Int, Kernel, LANES, Mask, Portable, Simd};
+use vacua_simd::{Float, Int, LANES, Mask, Simd};
 
 /// Most cells along one axis: below it, every step of [`Lattice::macrocell`] is exact in `f32`.
 pub const MAX_CELLS_PER_AXIS: usize = 1 << 21;
@@ -89,6 +89,21 @@ impl Axis {
         }
     }
 
+    /// Coordinates of planes, each `0..=cells`.
+    #[inline(always)]
+    pub fn planes_at<S: Simd>(&self, index: S::I) -> S::F {
+        match self {
+            Self::Unit { .. } => S::f_from_i(index),
+            Self::Planes(axis) => {
+                let clamped = index
+                    .max(S::I::splat(0))
+                    .min(S::I::splat(self.cells() as i32));
+                // SAFETY: the index was clamped to the planes.
+                unsafe { S::gather(&axis.planes, clamped) }
+            }
+        }
+    }
+
     /// The cell of each coordinate, clamped to the axis, as a whole number, and the fraction of
     /// the way through it, in `[0, 1)`.
     #[inline(always)]
@@ -123,17 +138,17 @@ impl Axis {
         }
     }
 
-    /// The cell of one coordinate.
+    /// The cell of one coordinate: the scalar twin of [`Axis::cell`].
     pub fn cell_of(&self, coordinate: f32) -> usize {
-        struct One<'a>(&'a Axis, f32);
-        impl Kernel for One<'_> {
-            type Output = usize;
-            #[inline(always)]
-            fn run<S: Simd>(self) -> usize {
-                self.0.cell::<S>(S::F::splat(self.1)).to_array()[0] as usize
-            }
+        let clamped = |cell: usize| cell.min(self.cells() - 1);
+        match self {
+            Self::Unit { .. } => clamped(coordinate.max(0.0) as usize),
+            Self::Planes(axis) => clamped(
+                axis.planes
+                    .partition_point(|&p| p <= coordinate)
+                    .saturating_sub(1),
+            ),
         }
-        One(self, coordinate).run::<Portable>()
     }
 }
 
@@ -246,6 +261,7 @@ impl Lattice {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use vacua_simd::Kernel;
 
     struct Locate<'a>(&'a Lattice, [f32; LANES]);
     impl Kernel for Locate<'_> {

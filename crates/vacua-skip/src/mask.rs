@@ -144,12 +144,7 @@ impl ClassifyRow<'_> {
     /// Bit per macrocell of a chunk; `lo` and `hi` have at least [`LANES`] entries from there.
     #[inline(always)]
     fn chunk<S: Simd>(&self, from: usize) -> u16 {
-        let load = |a: &[f32]| {
-            let mut lanes = [0.0; LANES];
-            lanes.copy_from_slice(&a[from..from + LANES]);
-            S::F::from_array(lanes)
-        };
-        let (lo, hi) = (load(self.lo), load(self.hi));
+        let (lo, hi) = (load::<S>(&self.lo[from..]), load::<S>(&self.hi[from..]));
         match self.activity {
             Activity::Above(threshold) => S::F::splat(threshold).lt(hi).to_bits(),
             Activity::Extinction(table) => {
@@ -163,6 +158,14 @@ impl ClassifyRow<'_> {
             }
         }
     }
+}
+
+/// The first [`LANES`] numbers of a slice.
+#[inline(always)]
+fn load<S: Simd>(numbers: &[f32]) -> S::F {
+    let mut lanes = [0.0; LANES];
+    lanes.copy_from_slice(&numbers[..LANES]);
+    S::F::from_array(lanes)
 }
 
 /// Bins of values: the vector twin of [`TransferTable::bin`].

@@ -1,0 +1,256 @@
+//! The blocks of a ray, in order and two at a time: which samples are evaluated together.
+//!
+//! Where all cells are alike, a block is eight consecutive samples. Where cell sizes vary, the ray
+//! is partitioned into aligned dyadic blocks: eight samples `2^level` apart, the level as high as
+//! the smallest cell within the block's extent allows. The partition depends on the ray and the
+//! place alone; skipping only drops blocks of it.
+
+use vacua_simd::BLOCK;
+use vacua_skip::{Axis, BLOCKS_PER_WINDOW, SampleRay, Skipper};
+
+/// Highest level of dyadic blocks: its eight samples span a window.
+pub(crate) const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
+
+/// Samples that a block of the highest level spans; rays begin at a multiple of it.
+pub(crate) const ALIGNMENT: u64 = (BLOCK as u64) << MAX_LEVEL;
+
+/// Two blocks that are evaluated in one vector.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockPair {
+    /// First sample of each.
+    pub first: [u32; 2],
+    /// Distance between the samples of each, in samples; 0 for a block that is not there.
+    pub stride: [u32; 2],
+}
+
+/// What is done with the blocks of a ray.
+pub(crate) trait Visit {
+    /// Evaluates two blocks; `false` to end the ray.
+    fn pair(&mut self, pair: BlockPair) -> bool;
+}
+
+/// How far apart samples are, depending on the place.
+#[derive(Clone, Debug)]
+pub(crate) enum Strides {
+    /// All cells are alike.
+    Constant,
+    /// The smallest cells within spans of each axis.
+    Varying([SpanMinima; 3]),
+}
+
+/// Answers "how small is the smallest cell among these" along one axis.
+#[derive(Clone, Debug)]
+pub(crate) struct SpanMinima {
+    /// `levels[l][c]`: smallest of cells `c .. c + 2^l`, in units of the smallest of all.
+    levels: Vec<Vec<f32>>,
+}
+
+impl SpanMinima {
+    /// Prepares an axis.
+    fn new(axis: &Axis, finest: f64) -> Self {
+        let cells = axis.cells();
+        let size = |c: usize| ((axis.plane(c + 1) - axis.plane(c)) as f64 / finest).max(1.0) as f32;
+        let mut levels = vec![(0..cells).map(size).collect::<Vec<f32>>()];
+        let mut span = 1;
+        while 2 * span <= cells {
+            let below = &levels[levels.len() - 1];
+            let level = (0..=cells - 2 * span)
+                .map(|c| below[c].min(below[c + span]))
+                .collect();
+            levels.push(level);
+            span *= 2;
+        }
+        Self { levels }
+    }
+
+    /// The smallest of the cells from `a` to `b`, both included, in either order.
+    fn smallest(&self, a: usize, b: usize) -> f32 {
+        let (a, b) = (a.min(b), a.max(b));
+        let level = (b - a + 1).ilog2() as usize;
+        let minima = &self.levels[level];
+        minima[a].min(minima[b + 1 - (1 << level)])
+    }
+}
+
+impl Strides {
+    /// Strides over the cells between some planes, whose smallest sizes are `finest`.
+    pub fn new(axes: &[Axis; 3], finest: [f64; 3]) -> Self {
+        if axes.iter().all(|axis| matches!(axis, Axis::Unit { .. })) {
+            return Self::Constant;
+        }
+        Self::Varying([0, 1, 2].map(|a| SpanMinima::new(&axes[a], finest[a])))
+    }
+}
+
+/// The ray as the partition needs it.
+#[derive(Clone, Copy)]
+pub(crate) struct Partition<'a> {
+    pub ray: &'a SampleRay,
+    pub axes: &'a [Axis; 3],
+    pub strides: &'a Strides,
+    /// Cells a sample step crosses along each axis, where cells are smallest.
+    pub rates: [f32; 3],
+}
+
+impl Partition<'_> {
+    /// Visits every block that the skipper does not rule out, in order.
+    #[inline(always)]
+    pub fn visit(&self, skipper: &dyn Skipper, visit: &mut impl Visit) {
+        let mut waiting: Option<(u32, u32)> = None;
+        let mut from = self.ray.first_block();
+        let mut list = [(0, 0); BLOCKS_PER_WINDOW as usize];
+        while let Some(window) = skipper.next_window(self.ray, from) {
+            let mut len = 0;
+            match self.strides {
+                Strides::Constant => {
+                    let mut bits = window.blocks;
+                    while bits != 0 {
+                        let block = window.first_block + bits.trailing_zeros();
+                        bits &= bits - 1;
+                        list[len] = (block * BLOCK as u32, 1);
+                        len += 1;
+                    }
+                }
+                Strides::Varying(minima) => {
+                    self.split(
+                        minima,
+                        window.first_block,
+                        MAX_LEVEL,
+                        window.blocks,
+                        &mut |b| {
+                            list[len] = b;
+                            len += 1;
+                        },
+                    );
+                }
+            }
+            for &block in &list[..len] {
+                match waiting.take() {
+                    None => waiting = Some(block),
+                    Some(a) => {
+                        let pair = BlockPair {
+                            first: [a.0, block.0],
+                            stride: [a.1, block.1],
+                        };
+                        if !visit.pair(pair) {
+                            return;
+                        }
+                    }
+                }
+            }
+            from = window.first_block + BLOCKS_PER_WINDOW;
+        }
+        if let Some(a) = waiting {
+            visit.pair(BlockPair {
+                first: [a.0, a.0],
+                stride: [a.1, 0],
+            });
+        }
+    }
+
+    /// Emits the dyadic blocks within `block .. block + 2^level` of which any bit is set.
+    fn split(
+        &self,
+        minima: &[SpanMinima; 3],
+        block: u32,
+        level: u32,
+        bits: u64,
+        emit: &mut impl FnMut((u32, u32)),
+    ) {
+        let span = 1u32 << level;
+        let here = bits >> (block % BLOCKS_PER_WINDOW);
+        if here & (u64::MAX >> (64 - span)) == 0 {
+            return;
+        }
+        let (first, last) = (block * BLOCK as u32, (block + span) * BLOCK as u32 - 1);
+        let rate_sq: f32 = (0..3)
+            .map(|a| {
+                let cell = |k| self.axes[a].cell_of(self.ray.at(a, k));
+                (self.rates[a] / minima[a].smallest(cell(first), cell(last))).powi(2)
+            })
+            .sum();
+        let finest_sq: f32 = self.rates.iter().map(|r| r * r).sum();
+        if level == 0 || rate_sq * (span as f32).powi(2) <= finest_sq {
+            emit((first, span));
+        } else {
+            self.split(minima, block, level - 1, bits, emit);
+            self.split(minima, block + span / 2, level - 1, bits, emit);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vacua_skip::{Lattice, NoSkip};
+
+    #[test]
+    fn minima_are_minima() {
+        let planes: Vec<f32> = [0.0, 3.0, 4.0, 9.0, 11.0, 18.0].to_vec();
+        let axis = Axis::planes(planes);
+        let minima = SpanMinima::new(&axis, 1.0);
+        let sizes = [3.0f32, 1.0, 5.0, 2.0, 7.0];
+        for a in 0..5 {
+            for b in a..5 {
+                let least = sizes[a..=b].iter().copied().fold(f32::INFINITY, f32::min);
+                assert_eq!(minima.smallest(a, b), least);
+                assert_eq!(minima.smallest(b, a), least);
+            }
+        }
+    }
+
+    struct Collect(Vec<(u32, u32)>);
+    impl Visit for Collect {
+        fn pair(&mut self, pair: BlockPair) -> bool {
+            self.0.push((pair.first[0], pair.stride[0]));
+            if pair.stride[1] > 0 {
+                self.0.push((pair.first[1], pair.stride[1]));
+            }
+            true
+        }
+    }
+
+    #[test]
+    fn dyadic_blocks_partition_the_ray_and_respect_the_cells() {
+        let mut planes = vec![0.0f32];
+        for i in 0..60 {
+            planes.push(planes[i] + 1.1f32.powi(i as i32));
+        }
+        let axes = [
+            Axis::planes(planes),
+            Axis::planes(vec![0.0, 1.0]),
+            Axis::planes(vec![0.0, 1.0]),
+        ];
+        let lattice = Lattice::new(axes.clone(), 8).expect("cells on each axis");
+        let strides = Strides::new(&axes, [1.0; 3]);
+        let ray = SampleRay::within(&lattice, [-0.25, 0.5, 0.5], [0.5, 0.0, 0.0]);
+        let partition = Partition {
+            ray: &ray,
+            axes: &axes,
+            strides: &strides,
+            rates: [0.5, 0.0, 0.0],
+        };
+        let mut blocks = Collect(Vec::new());
+        partition.visit(&NoSkip, &mut blocks);
+        let mut next = 0;
+        let mut widest = 0;
+        for (first, stride) in blocks.0 {
+            assert_eq!(first, next, "no gap");
+            assert_eq!(first % (BLOCK as u32 * stride), 0, "aligned");
+            next = first + BLOCK as u32 * stride;
+            widest = widest.max(stride);
+            if stride > 1 {
+                for k in (first..next).filter(|&k| k < ray.end) {
+                    let cell = axes[0].cell_of(ray.at(0, k));
+                    let size = axes[0].plane(cell + 1) - axes[0].plane(cell);
+                    assert!(
+                        0.5 * stride as f32 <= 0.5 * size * 1.0001,
+                        "{stride} in {size}"
+                    );
+                }
+            }
+        }
+        assert!(next >= ray.end);
+        assert!(widest >= 32, "{widest}");
+    }
+}

@@ -1,0 +1,302 @@
+//! Two blocks of samples at a time: what becomes of their values.
+//!
+//! Compositing (the contract's point 2): within a block of eight, transmittance is a prefix product
+//! in a fixed order; across blocks it multiplies front to back. Samples without extinction multiply
+//! by 1 and add 0, exactly, so that leaving out blocks that hold nothing else changes no bit.
+
+use vacua_simd::math::opacity_of_depth;
+use vacua_simd::{BLOCK, Float, Int, LANES, Mask, Simd, per_axis};
+use vacua_skip::SampleRay;
+use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
+
+use crate::blocks::{BlockPair, Visit};
+use crate::sampler::Sampler;
+
+/// Number of each lane within its block.
+const IN_BLOCK: [f32; LANES] = [
+    0., 1., 2., 3., 4., 5., 6., 7., 0., 1., 2., 3., 4., 5., 6., 7.,
+];
+
+/// What one ray gives.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RayResult {
+    pub rgba: [f32; 4],
+    /// Number of the sample that depth refers to.
+    pub depth_sample: Option<u32>,
+    /// Samples evaluated.
+    pub samples: u32,
+}
+
+/// Sixteen sample numbers, and which of them are samples of the ray.
+#[inline(always)]
+fn samples<S: Simd>(ray: &SampleRay, pair: BlockPair) -> (S::F, S::M) {
+    let iota = S::F::from_array(IN_BLOCK);
+    let first = S::F::of_blocks(pair.first[0] as f32, pair.first[1] as f32);
+    let stride = S::F::of_blocks(pair.stride[0] as f32, pair.stride[1] as f32);
+    let k = iota.mul_add(stride, first);
+    let there = S::F::splat(0.0).lt(stride);
+    let begun = S::F::splat(ray.begin as f32).le(k);
+    (k, there & begun & k.lt(S::F::splat(ray.end as f32)))
+}
+
+/// Positions of samples in ray space.
+#[inline(always)]
+fn positions<S: Simd>(ray: &SampleRay, k: S::F) -> [S::F; 3] {
+    per_axis!(a => k.mul_add(S::F::splat(ray.step[a]), S::F::splat(ray.start[a])))
+}
+
+/// Where values lie in a transfer table: bins, and fractions of the way through them.
+#[derive(Clone, Copy)]
+struct TablePlace<S: Simd> {
+    bin: S::I,
+    fraction: S::F,
+}
+
+/// The vector twin of [`TransferTable::coordinate`].
+#[inline(always)]
+fn table_place<S: Simd>(table: &TransferTable, value: S::F) -> TablePlace<S> {
+    let lo = S::F::splat(table.lo());
+    let key = match table.scale() {
+        ValueScale::Linear => value - lo,
+        ValueScale::Log => S::f_from_i(value.max(lo).to_bits() - lo.to_bits()),
+    };
+    let coordinate = (key * S::F::splat(table.bins_per_key()))
+        .max(S::F::splat(0.0))
+        .min(S::F::splat(TRANSFER_BINS as f32));
+    let bin = coordinate.to_i().min(S::I::splat(TRANSFER_BINS as i32 - 1));
+    TablePlace {
+        bin,
+        fraction: coordinate - S::f_from_i(bin),
+    }
+}
+
+impl<S: Simd> TablePlace<S> {
+    /// Interpolates one column of the table.
+    #[inline(always)]
+    fn lookup(self, column: &[f32]) -> S::F {
+        debug_assert_eq!(column.len(), TRANSFER_BINS + 1);
+        // SAFETY: bins are at most `TRANSFER_BINS − 1`, columns have one entry more than bins.
+        let (a, b) = unsafe { S::gather_pair(column, self.bin) };
+        self.fraction.mul_add(b - a, a)
+    }
+}
+
+/// How lit surfaces look: a light at the camera, Blinn–Phong.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Light {
+    /// Unit vector from surface to camera and light, times the transpose of the map from world to
+    /// ray directions: its dot product with a ray-space gradient is that of the world's.
+    pub toward: [f32; 3],
+    /// World gradients squared as a form on ray-space gradients: xx, yy, zz, 2xy, 2xz, 2yz.
+    pub metric: [f32; 6],
+}
+
+impl Light {
+    const AMBIENT: f32 = 0.35;
+    const DIFFUSE: f32 = 0.65;
+    const SPECULAR: f32 = 0.25;
+    /// Exponent of the highlight, a power of two.
+    const SHININESS: u32 = 32;
+
+    /// Factor on the colour and white added to it. Where there is no gradient, there is no surface
+    /// and the colour stays.
+    #[inline(always)]
+    fn shade<S: Simd>(&self, g: [S::F; 3]) -> (S::F, S::F) {
+        let m = &self.metric;
+        let length_sq = g[0]
+            * (g[0] * S::F::splat(m[0]) + g[1] * S::F::splat(m[3]) + g[2] * S::F::splat(m[4]))
+            + g[1] * (g[1] * S::F::splat(m[1]) + g[2] * S::F::splat(m[5]))
+            + g[2] * g[2] * S::F::splat(m[2]);
+        let t = &self.toward;
+        let along = g[0] * S::F::splat(t[0]) + g[1] * S::F::splat(t[1]) + g[2] * S::F::splat(t[2]);
+        let lit = S::F::splat(f32::MIN_POSITIVE).lt(length_sq);
+        let cosine = along.abs().div(length_sq.sqrt()).min(S::F::splat(1.0));
+        let factor = cosine.mul_add(S::F::splat(Self::DIFFUSE), S::F::splat(Self::AMBIENT));
+        let mut shine = cosine;
+        for _ in 0..Self::SHININESS.ilog2() {
+            shine = shine * shine;
+        }
+        (
+            factor.select(lit, S::F::splat(1.0)),
+            (shine * S::F::splat(Self::SPECULAR)).or_zero(lit),
+        )
+    }
+}
+
+/// Front-to-back compositing.
+pub(crate) struct Composite<'a, S: Simd, V> {
+    pub sampler: &'a V,
+    pub ray: &'a SampleRay,
+    pub table: &'a TransferTable,
+    /// World length between samples.
+    pub dt: f32,
+    /// Transmittance below which the ray ends.
+    pub termination: f32,
+    pub light: Option<Light>,
+    transmittance: f32,
+    color: [S::F; 3],
+    depth_sample: Option<u32>,
+    samples: u32,
+}
+
+impl<'a, S: Simd, V: Sampler> Composite<'a, S, V> {
+    #[inline(always)]
+    pub fn new(
+        sampler: &'a V,
+        ray: &'a SampleRay,
+        table: &'a TransferTable,
+        dt: f32,
+        termination: f32,
+        light: Option<Light>,
+    ) -> Self {
+        Self {
+            sampler,
+            ray,
+            table,
+            dt,
+            termination,
+            light,
+            transmittance: 1.0,
+            color: [S::F::splat(0.0); 3],
+            depth_sample: None,
+            samples: 0,
+        }
+    }
+
+    #[inline(always)]
+    pub fn finish(self) -> RayResult {
+        let sum = |c: S::F| {
+            let [[a, b, c, d, e, f, g, h], _] = c.blocks();
+            ((a + b) + (c + d)) + ((e + f) + (g + h))
+        };
+        let [r, g, b] = self.color.map(sum);
+        RayResult {
+            rgba: [r, g, b, 1.0 - self.transmittance],
+            depth_sample: self.depth_sample,
+            samples: self.samples,
+        }
+    }
+
+    /// The first sample of a block at which less than half of the light comes through.
+    #[cold]
+    fn find_depth(
+        &mut self,
+        pair: BlockPair,
+        block: usize,
+        front: f32,
+        exclusive: [f32; BLOCK],
+        clear: [f32; BLOCK],
+    ) {
+        let lane = (0..BLOCK).find(|&i| front * (exclusive[i] * clear[i]) <= 0.5);
+        let lane = lane.unwrap_or(BLOCK - 1) as u32;
+        self.depth_sample = Some(pair.first[block] + lane * pair.stride[block]);
+    }
+}
+
+impl<S: Simd, V: Sampler> Visit for Composite<'_, S, V> {
+    #[inline(always)]
+    fn pair(&mut self, pair: BlockPair) -> bool {
+        let (k, lanes) = samples::<S>(self.ray, pair);
+        let at = positions::<S>(self.ray, k);
+        let (value, valid, place) = self.sampler.sample::<S>(at, lanes);
+        self.samples += lanes.to_bits().count_ones();
+        let table_place = table_place::<S>(self.table, value);
+        let extinction = table_place.lookup(self.table.extinction());
+        let seen = valid & S::F::splat(0.0).lt(extinction);
+        if !seen.any() {
+            return true;
+        }
+        let length = S::F::of_blocks(
+            self.dt * pair.stride[0] as f32,
+            self.dt * pair.stride[1] as f32,
+        );
+        let alpha = opacity_of_depth::<S>(extinction * length).or_zero(seen);
+        let clear = S::F::splat(1.0) - alpha;
+        let (exclusive, [through_a, through_b]) = clear.block_products();
+        let front_a = self.transmittance;
+        let front_b = front_a * through_a;
+        let a_ends = front_b < self.termination;
+        let front = S::F::of_blocks(front_a, if a_ends { 0.0 } else { front_b });
+        let weight = (front * exclusive) * alpha;
+        let mut rgb = per_axis!(c => table_place.lookup(self.table.rgb(c)));
+        if let Some(light) = self.light {
+            let (factor, white) = light.shade::<S>(self.sampler.gradient::<S>(place));
+            rgb = per_axis!(c => rgb[c].mul_add(factor, white));
+        }
+        for c in 0..3 {
+            self.color[c] = self.color[c].add_blocks((weight * rgb[c]).or_zero(seen));
+        }
+        self.transmittance = if a_ends { front_b } else { front_b * through_b };
+        if self.depth_sample.is_none() && self.transmittance <= 0.5 {
+            let (exclusive, clear) = (exclusive.blocks(), clear.blocks());
+            if front_b <= 0.5 {
+                self.find_depth(pair, 0, front_a, exclusive[0], clear[0]);
+            } else {
+                self.find_depth(pair, 1, front_b, exclusive[1], clear[1]);
+            }
+        }
+        !(a_ends || self.transmittance < self.termination)
+    }
+}
+
+/// The largest value along the ray.
+pub(crate) struct Maximum<'a, S: Simd, V> {
+    pub sampler: &'a V,
+    pub ray: &'a SampleRay,
+    best: S::F,
+    best_k: S::F,
+    samples: u32,
+}
+
+impl<'a, S: Simd, V: Sampler> Maximum<'a, S, V> {
+    /// Only values above `threshold` are seen.
+    #[inline(always)]
+    pub fn new(sampler: &'a V, ray: &'a SampleRay, threshold: f32) -> Self {
+        let (best, best_k) = (S::F::splat(threshold), S::F::splat(-1.0));
+        Self {
+            sampler,
+            ray,
+            best,
+            best_k,
+            samples: 0,
+        }
+    }
+
+    #[inline(always)]
+    pub fn finish(self, table: &TransferTable) -> RayResult {
+        let (best, k) = (self.best.to_array(), self.best_k.to_array());
+        let mut found: Option<(f32, f32)> = None;
+        for i in (0..LANES).filter(|&i| k[i] >= 0.0) {
+            let better = found.is_none_or(|(v, first)| best[i] > v || best[i] == v && k[i] < first);
+            if better {
+                found = Some((best[i], k[i]));
+            }
+        }
+        let Some((value, k)) = found else {
+            return RayResult {
+                rgba: [0.0; 4],
+                depth_sample: None,
+                samples: self.samples,
+            };
+        };
+        let [r, g, b] = table.evaluate(value).1;
+        RayResult {
+            rgba: [r, g, b, 1.0],
+            depth_sample: Some(k as u32),
+            samples: self.samples,
+        }
+    }
+}
+
+impl<S: Simd, V: Sampler> Visit for Maximum<'_, S, V> {
+    #[inline(always)]
+    fn pair(&mut self, pair: BlockPair) -> bool {
+        let (k, lanes) = samples::<S>(self.ray, pair);
+        let (value, valid, _) = self.sampler.sample::<S>(positions::<S>(self.ray, k), lanes);
+        self.samples += lanes.to_bits().count_ones();
+        let better = valid & self.best.lt(value);
+        self.best = value.select(better, self.best);
+        self.best_k = k.select(better, self.best_k);
+        true
+    }
+}

@@ -1,0 +1,189 @@
+//! The stages between a volume and its picture, each a value built from the one before.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use vacua_skip::{
+    ActiveMask, Activity, GridSkip, Lattice, Macrocells, NoSkip, PointSource, Skipper,
+};
+use vacua_volume::{
+    Geometry, TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale, Volume,
+};
+
+use crate::blocks::Strides;
+use crate::error::RenderError;
+use crate::scene::{Integrator, SkipMethod};
+use crate::space::RaySpace;
+
+/// What depends on the volume alone.
+#[derive(Debug)]
+pub(crate) struct VolumeStage {
+    pub volume: Arc<Volume>,
+    pub scale: ValueScale,
+    pub space: RaySpace,
+    pub strides: Strides,
+    /// Range of the finite values; `None` if there are none.
+    pub range: Option<ValueRange>,
+    pub map: ValueMap,
+    macrocells: BTreeMap<usize, Arc<Macrocells>>,
+    /// Seconds spent on macrocells.
+    pub macrocell_secs: f64,
+}
+
+impl VolumeStage {
+    /// Prepares a volume for transfer functions of one scale.
+    pub fn new(volume: Arc<Volume>, scale: ValueScale) -> Result<Self, RenderError> {
+        let space = match &**volume.geometry() {
+            Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
+            Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
+            Geometry::Curvilinear(_) => return Err(RenderError::NoPositions),
+        };
+        let range = volume.scalars().range(0);
+        let map = match (scale, range) {
+            (ValueScale::Linear, Some(range)) => {
+                ValueMap::for_range(volume.scalars().scalar_type(), range)
+            }
+            _ => ValueMap::IDENTITY,
+        };
+        let strides = Strides::new(&space.axes, space.finest.to_array());
+        let macrocells = BTreeMap::new();
+        Ok(Self {
+            volume,
+            scale,
+            space,
+            strides,
+            range,
+            map,
+            macrocells,
+            macrocell_secs: 0.0,
+        })
+    }
+
+    /// The macrocells of one size, computed when first asked for, from finer ones if there are any.
+    pub fn macrocells(&mut self, side: usize) -> Result<Arc<Macrocells>, RenderError> {
+        if let Some(cells) = self.macrocells.get(&side) {
+            return Ok(cells.clone());
+        }
+        let start = Instant::now();
+        let finer = self
+            .macrocells
+            .iter()
+            .rev()
+            .find(|(finer, _)| side % **finer == 0);
+        let cells = match finer {
+            Some((finer, cells)) => cells.coarser(side / finer)?,
+            None => {
+                let lattice = Lattice::new(self.space.axes.clone(), side)?;
+                let source = PointSource {
+                    scalars: self.volume.scalars(),
+                    association: self.volume.association(),
+                    points: self.volume.geometry().points(),
+                    map: self.map,
+                    blanked_cells: self.volume.blanked_cells().map(|m| &**m),
+                };
+                Macrocells::of_grid(lattice, source)
+            }
+        };
+        let cells = Arc::new(cells);
+        self.macrocells.insert(side, cells.clone());
+        self.macrocell_secs += start.elapsed().as_secs_f64();
+        Ok(cells)
+    }
+
+    /// Bytes of all macrocells.
+    pub fn macrocell_bytes(&self) -> usize {
+        self.macrocells.values().map(|m| m.size_bytes()).sum()
+    }
+}
+
+/// What depends on volume and transfer function.
+pub(crate) struct LookStage {
+    pub transfer_function: TransferFunction,
+    pub table: TransferTable,
+    /// Maximum intensity shows values above this rendered value.
+    pub threshold: f32,
+}
+
+impl LookStage {
+    /// Compiles a transfer function for a volume.
+    pub fn new(volume: &VolumeStage, transfer_function: &TransferFunction) -> Self {
+        let range = volume.range.unwrap_or(transfer_function.domain());
+        Self {
+            transfer_function: transfer_function.clone(),
+            table: TransferTable::new(transfer_function, range, volume.map),
+            threshold: volume.map.rendered(transfer_function.color_range().lo),
+        }
+    }
+
+    /// What an integrator sees of a macrocell.
+    pub fn activity(&self, integrator: Integrator) -> Activity<'_> {
+        match integrator {
+            Integrator::March => Activity::Extinction(&self.table),
+            Integrator::MaximumIntensity => Activity::Above(self.threshold),
+        }
+    }
+}
+
+/// A skipper and what it took to build it.
+pub(crate) struct SkipStage {
+    pub method: SkipMethod,
+    pub side: usize,
+    pub integrator: Integrator,
+    pub skipper: Box<dyn Skipper>,
+    /// Seconds to classify the macrocells.
+    pub classify_secs: f64,
+    /// Seconds to build what follows.
+    pub build_secs: f64,
+    pub num_active: usize,
+    pub num_macrocells: usize,
+}
+
+impl SkipStage {
+    /// Builds one method's structure.
+    pub fn new(
+        volume: &mut VolumeStage,
+        look: &LookStage,
+        integrator: Integrator,
+        method: SkipMethod,
+        side: usize,
+    ) -> Result<Self, RenderError> {
+        if matches!(method, SkipMethod::None) {
+            return Ok(Self {
+                method,
+                side,
+                integrator,
+                skipper: Box::new(NoSkip),
+                classify_secs: 0.0,
+                build_secs: 0.0,
+                num_active: 0,
+                num_macrocells: 0,
+            });
+        }
+        let macrocells = volume.macrocells(side)?;
+        let start = Instant::now();
+        let mask = ActiveMask::new(&macrocells, look.activity(integrator));
+        let classify_secs = start.elapsed().as_secs_f64();
+        let num_active = mask.num_active();
+        let lattice = macrocells.lattice().clone();
+        let start = Instant::now();
+        let skipper: Box<dyn Skipper> = match method {
+            SkipMethod::None | SkipMethod::Auto | SkipMethod::Grid => {
+                Box::new(GridSkip::new(lattice, mask))
+            }
+            SkipMethod::Boxes | SkipMethod::Mesh => Box::new(GridSkip::new(lattice, mask)),
+        };
+        let build_secs = start.elapsed().as_secs_f64();
+        let num_macrocells = macrocells.lattice().len();
+        Ok(Self {
+            method,
+            side,
+            integrator,
+            skipper,
+            classify_secs,
+            build_secs,
+            num_active,
+            num_macrocells,
+        })
+    }
+}
