@@ -155,7 +155,7 @@ impl Attributes {
     }
 
     /// Reads COLOR_SCALARS: bytes in binary files, numbers from 0 to 1 in ASCII files, which
-    /// become bytes as VTK makes them (255 times the number, cut off).
+    /// become bytes as VTK makes them (255 times the number, rounded).
     fn read_colors(
         &mut self,
         cursor: &mut Cursor<'_>,
@@ -177,7 +177,7 @@ impl Attributes {
             let values = values.as_slice::<f32>().unwrap_or_default();
             let bytes = values
                 .iter()
-                .map(|v| (255.0 * v) as u8)
+                .map(|v| (255.0 * f64::from(*v) + 0.5) as u8)
                 .collect::<Vec<u8>>();
             Ok(DataArray::from_vec(bytes, components)?)
         };
