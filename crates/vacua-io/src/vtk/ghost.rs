@@ -11,7 +11,7 @@ const DUPLICATE: u8 = 1;
 /// A point that is not there: no cell that uses it is shown.
 const HIDDEN_POINT: u8 = 2;
 /// A cell that is not there.
-const HIDDEN_CELL: u8 = 32;
+pub(crate) const HIDDEN_CELL: u8 = 32;
 
 /// Whether flags say that another piece owns the point or cell.
 pub(crate) fn is_duplicate(flags: u8) -> bool {

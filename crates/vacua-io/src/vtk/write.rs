@@ -14,7 +14,7 @@ use vacua_volume::{
     Association, DataArray, Dataset, DatasetError, Geometry, ScalarType, UniformGrid,
 };
 
-use super::GHOST_ARRAY;
+use super::{GHOST_ARRAY, ghost};
 use crate::atomic::write_atomically;
 use crate::error::{IoError, Problem};
 
@@ -142,8 +142,7 @@ fn write(
         arrays.push((field.association(), (field.name(), values.clone())));
     }
     if let Some(mask) = dataset.blanked_cells() {
-        const HIDDEN_CELL: u8 = 32;
-        let flags = (0..mask.len()).map(|cell| u8::from(mask.is_blank(cell)) * HIDDEN_CELL);
+        let flags = (0..mask.len()).map(|cell| u8::from(mask.is_blank(cell)) * ghost::HIDDEN_CELL);
         let flags = DataArray::from_vec(flags.collect::<Vec<u8>>(), 1)
             .map_err(|e| Problem::from(e).in_file(path))?;
         arrays.push((Association::Cell, (GHOST_ARRAY, flags)));

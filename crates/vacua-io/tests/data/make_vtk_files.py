@@ -184,10 +184,10 @@ def configure(writer, encoding, compressor="none", header=64, order="little"):
 def write_xml(data, kind, name, pieces=1, **how):
     writer = XML[kind][0]()
     configure(writer, **how)
-    if pieces > 1:
-        writer.SetNumberOfPieces(pieces)
+    writer.SetNumberOfPieces(pieces)
     writer.SetFileName(str(OUT / f"{name}.{kind}"))
-    writer.SetInputDataObject(data)
+    source = WholeGrid(data)
+    writer.SetInputConnection(source.GetOutputPort()) if pieces > 1 else writer.SetInputDataObject(data)
     assert writer.Write() == 1
     written.append(OUT / f"{name}.{kind}")
 
@@ -388,6 +388,7 @@ def main():
             how = dict(encoding=encoding, compressor=compressor, header=header, order=order)
             write_xml(data, kind, name, **how)
         write_xml(ghosts(kind), kind, "ghosts", encoding="raw", compressor="zlib")
+        write_xml(data, kind, "pieces", pieces=3, encoding="inline", compressor="lz4")
         for level in (0, 1):
             write_parallel(data, kind, f"parallel_{level}", 3 + level, level)
         for binary in (False, True):
@@ -403,8 +404,7 @@ def main():
     turned = plain("vti")
     turned.SetDirectionMatrix(0, -1, 0, 0.6, 0, 0.8, -0.8, 0, 0.6)
     write_xml(turned, "vti", "turned", encoding="raw")
-    write_old("1.0", "ASPECT_RATIO")
-    write_old("2.0", "aspect_ratio")
+    write_old("1.0", "aspect_ratio")
     write_old("3.0", "SPACING")
     by_contents = {}
     for path in written:

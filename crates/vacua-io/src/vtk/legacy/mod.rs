@@ -1,7 +1,7 @@
 //! Legacy VTK files (`.vtk`), versions 1.0 to 5.1, ASCII and big-endian binary.
 //!
-//! [`cursor`] walks through words and lines, [`array`] finds and reads arrays of numbers,
-//! [`attributes`] the fields on points and cells: these serve every data set type. [`structured`]
+//! `cursor` walks through words and lines, `array` finds and reads arrays of numbers,
+//! `attributes` the fields on points and cells: these serve every data set type. `structured`
 //! reads the three grids.
 
 mod array;

@@ -1,7 +1,7 @@
 //! VTK XML files: which type a file is, and what reads it.
 //!
-//! [`document`] reads markup, [`data_array`] and [`codec`] numbers: these serve every type.
-//! [`structured`] makes datasets of grids, [`parallel`] finds the pieces of a parallel file.
+//! `document` reads markup, `data_array` and `codec` numbers: these serve every type.
+//! `structured` makes datasets of grids, `parallel` finds the pieces of a parallel file.
 
 pub(crate) mod codec;
 pub(crate) mod data_array;
