@@ -66,6 +66,9 @@ pub enum Problem {
         /// What to do about it, if anything.
         hint: Option<String>,
     },
+    /// A file that this one refers to cannot be read.
+    #[error("a file that it refers to: {0}")]
+    Part(#[source] Box<IoError>),
     /// The numbers make no grid.
     #[error(transparent)]
     Grid(#[from] GridError),
@@ -97,6 +100,11 @@ impl Problem {
             expected: expected.into(),
             found: found.into(),
         }
+    }
+
+    /// [`Problem::Part`]: wraps what went wrong with a file that another refers to.
+    pub fn part(error: IoError) -> Self {
+        Self::Part(Box::new(error))
     }
 
     /// [`Problem::Unsupported`] without a hint.

@@ -10,6 +10,7 @@ mod atomic;
 mod error;
 mod registry;
 mod source;
+pub mod vtk;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};

@@ -6,6 +6,7 @@ use vacua_volume::{Dataset, ScalarType};
 
 use crate::error::{IoError, Problem};
 use crate::source::Source;
+use crate::vtk;
 
 /// What the command line may say about a file that does not say it itself.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,7 +41,7 @@ pub struct Format {
 
 /// All formats that vacua reads, in the order in which they are asked.
 pub fn formats() -> &'static [Format] {
-    &[]
+    &[vtk::xml::FORMAT, vtk::legacy::FORMAT]
 }
 
 /// Opens a file that says itself what it is.

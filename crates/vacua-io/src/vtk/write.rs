@@ -1,0 +1,302 @@
+//! Writes grids as VTK XML: `.vti`, `.vtr`, `.vts`, appended raw data with 64-bit headers in native
+//! byte order, fields in their native type. Blanked cells become `vtkGhostType`.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::io::{self, Write};
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use glam::DMat3;
+use rayon::prelude::*;
+use vacua_volume::{
+    Association, DataArray, Dataset, DatasetError, Geometry, ScalarType, UniformGrid,
+};
+
+use super::{GHOST_ARRAY, ghost};
+use crate::atomic::write_atomically;
+use crate::error::{IoError, Problem};
+
+/// Uncompressed size of a compressed block in bytes.
+const BLOCK_BYTES: usize = 1 << 18;
+
+/// Arrays start at multiples of this many bytes of the file, so that they can be mapped.
+const ALIGN_BYTES: usize = 8;
+
+/// How numbers are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WriteEncoding {
+    /// As they are: large, and memory-mapped when read again.
+    Raw,
+    /// In zlib blocks.
+    #[default]
+    Zlib,
+}
+
+/// How a file is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// How numbers are stored.
+    pub encoding: WriteEncoding,
+}
+
+/// Writes a uniform grid with all its fields as `.vti`.
+///
+/// # Errors
+/// [`Problem::Unsupported`] for another grid or one whose axes are sheared, [`Problem::Dataset`]
+/// if a field cannot be loaded, [`Problem::System`] if the file cannot be written.
+pub fn write_vti(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Result<(), IoError> {
+    let head = match &**dataset.geometry() {
+        Geometry::Uniform(grid) => uniform_head(grid),
+        other => Err(wrong_grid(other, "VTI", "uniform")),
+    };
+    let head = head.map_err(|p| p.in_file(path))?;
+    write(path, dataset, options, "ImageData", &head, &[])
+}
+
+/// Writes a rectilinear grid with all its fields as `.vtr`.
+///
+/// # Errors
+/// As [`write_vti`].
+pub fn write_vtr(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Result<(), IoError> {
+    let coordinates = match &**dataset.geometry() {
+        Geometry::Rectilinear(grid) => [0, 1, 2]
+            .into_iter()
+            .map(|axis| Ok(DataArray::from_vec(grid.coordinates(axis).to_vec(), 1)?))
+            .collect(),
+        other => Err(wrong_grid(other, "VTR", "rectilinear")),
+    };
+    let coordinates: Vec<DataArray> = coordinates.map_err(|p: Problem| p.in_file(path))?;
+    let geometry: Vec<Array> = ["x", "y", "z"].into_iter().zip(coordinates).collect();
+    write(path, dataset, options, "RectilinearGrid", "", &geometry)
+}
+
+/// Writes a curvilinear grid with all its fields as `.vts`.
+///
+/// # Errors
+/// As [`write_vti`].
+pub fn write_vts(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Result<(), IoError> {
+    let positions = match &**dataset.geometry() {
+        Geometry::Curvilinear(grid) => grid.positions().clone(),
+        other => return Err(wrong_grid(other, "VTS", "curvilinear").in_file(path)),
+    };
+    let geometry = [("Points", positions)];
+    write(path, dataset, options, "StructuredGrid", "", &geometry)
+}
+
+/// An array with its name.
+type Array<'a> = (&'a str, DataArray);
+
+fn wrong_grid(geometry: &Geometry, format: &str, kind: &str) -> Problem {
+    Problem::Unsupported {
+        what: format!("a {} grid in a {format} file", geometry.kind()),
+        hint: Some(format!("{format} holds {kind} grids")),
+    }
+}
+
+/// Origin, spacing and direction of a uniform grid as attributes.
+fn uniform_head(grid: &UniformGrid) -> Result<String, Problem> {
+    let world_from_index = grid.world_from_index();
+    let axes = world_from_index.matrix3;
+    let spacing = grid.spacing();
+    let direction = DMat3::from_cols(
+        axes.x_axis / spacing.x,
+        axes.y_axis / spacing.y,
+        axes.z_axis / spacing.z,
+    );
+    let origin = world_from_index.translation;
+    let mut head = format!(
+        r#" Origin="{} {} {}" Spacing="{} {} {}""#,
+        origin.x, origin.y, origin.z, spacing.x, spacing.y, spacing.z
+    );
+    if direction != DMat3::IDENTITY {
+        let is_sheared = !(direction.transpose() * direction).abs_diff_eq(DMat3::IDENTITY, 1e-9);
+        if is_sheared {
+            return Err(Problem::Unsupported {
+                what: "a sheared uniform grid in a VTI file".to_owned(),
+                hint: Some("VTI holds grids whose axes are at right angles".to_owned()),
+            });
+        }
+        let rows = direction.transpose().to_cols_array();
+        let rows = rows.map(|v| v.to_string()).join(" ");
+        let _ = write!(head, r#" Direction="{rows}""#);
+    }
+    Ok(head)
+}
+
+/// Writes a grid: tags first, then the arrays in the order of their tags.
+fn write(
+    path: &Path,
+    dataset: &Dataset,
+    options: &WriteOptions,
+    type_name: &str,
+    head: &str,
+    geometry: &[Array<'_>],
+) -> Result<(), IoError> {
+    let mut arrays = Vec::new();
+    for field in dataset.fields() {
+        let values = field
+            .load()
+            .map_err(|e| Problem::from(DatasetError::from(e)).in_file(path))?;
+        arrays.push((field.association(), (field.name(), values.clone())));
+    }
+    if let Some(mask) = dataset.blanked_cells() {
+        let flags = (0..mask.len()).map(|cell| u8::from(mask.is_blank(cell)) * ghost::HIDDEN_CELL);
+        let flags = DataArray::from_vec(flags.collect::<Vec<u8>>(), 1)
+            .map_err(|e| Problem::from(e).in_file(path))?;
+        arrays.push((Association::Cell, (GHOST_ARRAY, flags)));
+    }
+    let of = |wanted: Association| -> Vec<&Array<'_>> {
+        let matching = arrays.iter().filter(|(a, _)| *a == wanted);
+        matching.map(|(_, array)| array).collect()
+    };
+    let geometry_tag = match type_name {
+        "RectilinearGrid" => Some("Coordinates"),
+        "StructuredGrid" => Some("Points"),
+        _ => None,
+    };
+    let mut sections = vec![
+        ("PointData", of(Association::Point)),
+        ("CellData", of(Association::Cell)),
+    ];
+    sections.extend(geometry_tag.map(|tag| (tag, geometry.iter().collect())));
+
+    let [nx, ny, nz] = dataset.geometry().points().map(|n| n - 1);
+    let extent = format!("0 {nx} 0 {ny} 0 {nz}");
+    write_atomically(path, |to| {
+        let payloads = sections
+            .iter()
+            .flat_map(|(_, arrays)| arrays)
+            .map(|(_, array)| Payload::new(array, options.encoding))
+            .collect::<io::Result<Vec<_>>>()?;
+        let mut tags = Vec::new();
+        write_tags(
+            &mut tags,
+            options,
+            (type_name, &extent, head),
+            &sections,
+            &payloads,
+        )?;
+        let underscore = b"_";
+        let padding = (tags.len() + underscore.len()).next_multiple_of(ALIGN_BYTES)
+            - (tags.len() + underscore.len());
+        to.write_all(&tags)?;
+        to.write_all(&[b' '; ALIGN_BYTES][..padding])?;
+        to.write_all(underscore)?;
+        for payload in &payloads {
+            payload.write(to)?;
+        }
+        to.write_all(b"\n  </AppendedData>\n</VTKFile>\n")
+    })
+}
+
+/// Writes everything up to the underscore.
+fn write_tags(
+    to: &mut Vec<u8>,
+    options: &WriteOptions,
+    (type_name, extent, head): (&str, &str, &str),
+    sections: &[(&str, Vec<&Array<'_>>)],
+    payloads: &[Payload<'_>],
+) -> io::Result<()> {
+    let byte_order = if cfg!(target_endian = "big") {
+        "BigEndian"
+    } else {
+        "LittleEndian"
+    };
+    let compressor = match options.encoding {
+        WriteEncoding::Raw => "",
+        WriteEncoding::Zlib => r#" compressor="vtkZLibDataCompressor""#,
+    };
+    writeln!(to, r#"<?xml version="1.0"?>"#)?;
+    writeln!(
+        to,
+        r#"<VTKFile type="{type_name}" version="1.0" byte_order="{byte_order}" header_type="UInt64"{compressor}>"#
+    )?;
+    writeln!(to, r#"  <{type_name} WholeExtent="{extent}"{head}>"#)?;
+    writeln!(to, r#"    <Piece Extent="{extent}">"#)?;
+    let mut offset = 0;
+    let mut payload = payloads.iter();
+    for (tag, arrays) in sections {
+        writeln!(to, "      <{tag}>")?;
+        for (name, array) in arrays {
+            writeln!(
+                to,
+                r#"        <DataArray type="{}" Name="{}" NumberOfComponents="{}" format="appended" offset="{offset}"/>"#,
+                type_name_of(array.scalar_type()),
+                quick_xml::escape::escape(*name),
+                array.components(),
+            )?;
+            offset += payload.next().map_or(0, Payload::len);
+        }
+        writeln!(to, "      </{tag}>")?;
+    }
+    writeln!(to, "    </Piece>\n  </{type_name}>")?;
+    write!(to, "  <AppendedData encoding=\"raw\">\n   ")
+}
+
+/// VTK's name of a number type.
+fn type_name_of(scalar_type: ScalarType) -> &'static str {
+    match scalar_type {
+        ScalarType::U8 => "UInt8",
+        ScalarType::I8 => "Int8",
+        ScalarType::U16 => "UInt16",
+        ScalarType::I16 => "Int16",
+        ScalarType::U32 => "UInt32",
+        ScalarType::I32 => "Int32",
+        ScalarType::U64 => "UInt64",
+        ScalarType::I64 => "Int64",
+        ScalarType::F32 => "Float32",
+        ScalarType::F64 => "Float64",
+    }
+}
+
+/// One array as it is stored: integers of the header, then stretches of bytes, then zeros so that
+/// the next array starts where the reader can map it.
+struct Payload<'a> {
+    header: Vec<u64>,
+    blocks: Vec<Cow<'a, [u8]>>,
+}
+
+impl<'a> Payload<'a> {
+    fn new(array: &'a DataArray, encoding: WriteEncoding) -> io::Result<Self> {
+        let bytes = array.bytes();
+        match encoding {
+            WriteEncoding::Raw => Ok(Self {
+                header: vec![bytes.len() as u64],
+                blocks: vec![bytes.into()],
+            }),
+            WriteEncoding::Zlib => {
+                let blocks = bytes
+                    .par_chunks(BLOCK_BYTES)
+                    .map(|chunk| {
+                        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+                        encoder.write_all(chunk)?;
+                        encoder.finish().map(Cow::from)
+                    })
+                    .collect::<io::Result<Vec<_>>>()?;
+                let last = bytes.len() % BLOCK_BYTES;
+                let mut header = vec![blocks.len() as u64, BLOCK_BYTES as u64, last as u64];
+                header.extend(blocks.iter().map(|b| b.len() as u64));
+                Ok(Self { header, blocks })
+            }
+        }
+    }
+
+    /// Size without the zeros at its end.
+    fn filled_bytes(&self) -> usize {
+        self.header.len() * 8 + self.blocks.iter().map(|b| b.len()).sum::<usize>()
+    }
+
+    fn len(&self) -> usize {
+        self.filled_bytes().next_multiple_of(ALIGN_BYTES)
+    }
+
+    fn write(&self, to: &mut impl Write) -> io::Result<()> {
+        for word in &self.header {
+            to.write_all(&word.to_ne_bytes())?;
+        }
+        self.blocks.iter().try_for_each(|b| to.write_all(b))?;
+        to.write_all(&[0; ALIGN_BYTES][..self.len() - self.filled_bytes()])
+    }
+}

@@ -1,0 +1,51 @@
+//! VTK XML files: which type a file is, and what reads it.
+//!
+//! `document` reads markup, `data_array` and `codec` numbers: these serve every type.
+//! `structured` makes datasets of grids, `parallel` finds the pieces of a parallel file.
+
+pub(crate) mod codec;
+pub(crate) mod data_array;
+pub(crate) mod document;
+mod fields;
+mod parallel;
+mod structured;
+
+use vacua_volume::Dataset;
+
+use crate::error::Problem;
+use crate::registry::{Format, ReadOptions};
+use crate::source::Source;
+use document::XmlFile;
+pub(in crate::vtk) use structured::as_float;
+use structured::{GridKind, Structured};
+
+/// The VTK XML formats.
+pub(crate) const FORMAT: Format = Format {
+    name: "VTK XML",
+    extensions: &["vti", "vtr", "vts", "pvti", "pvtr", "pvts"],
+    sniff: Some(sniff),
+    read,
+};
+
+/// Bytes in which the root element must begin.
+const SNIFF_BYTES: usize = 4096;
+
+fn sniff(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(SNIFF_BYTES)];
+    memchr::memmem::find(head, b"<VTKFile").is_some()
+}
+
+/// Reads the markup and describes the fields.
+fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
+    let file = XmlFile::parse(source)?;
+    let type_name = file.root.required("type")?.to_owned();
+    if let Some(kind) = GridKind::from_type(&type_name) {
+        return Structured::from_file(file, kind)?.into_dataset();
+    }
+    if let Some(kind) = type_name.strip_prefix('P').and_then(GridKind::from_type) {
+        return parallel::read(&file, kind)?.into_dataset();
+    }
+    Err(Problem::unsupported(format!(
+        "the VTK data set type `{type_name}`"
+    )))
+}
