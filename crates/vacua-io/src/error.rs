@@ -66,6 +66,9 @@ pub enum Problem {
         /// What to do about it, if anything.
         hint: Option<String>,
     },
+    /// Another file that the header points to has a problem.
+    #[error("its data file {0}")]
+    DataFile(#[source] Box<IoError>),
     /// The numbers make no grid.
     #[error(transparent)]
     Grid(#[from] GridError),
@@ -104,6 +107,14 @@ impl Problem {
         Self::Unsupported {
             what: what.into(),
             hint: None,
+        }
+    }
+
+    /// [`Problem::Unsupported`] with what to do about it.
+    pub fn unsupported_but(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Unsupported {
+            what: what.into(),
+            hint: Some(hint.into()),
         }
     }
 }
