@@ -21,7 +21,7 @@ use crate::error::{IoError, Problem};
 use crate::files::{FileNames, folder_of, resolve};
 use crate::payload::{Encoding, Payload, Place, Skip};
 use crate::registry::{Format, ReadOptions};
-use crate::save::{Saved, Voxels, WriteFormat};
+use crate::save::{DATA_ALIGN, Saved, Voxels, WriteFormat};
 use crate::source::Source;
 
 /// The MetaImage format.
@@ -254,10 +254,14 @@ fn read(source: &Source, _options: &ReadOptions) -> Result<Dataset, Problem> {
         stored_steps: steps,
         planar: false,
     };
+    let surplus = payload.surplus_note();
     let mut dataset = Dataset::new(
         Geometry::Uniform(grid),
         vec![payload.into_field("scalars")?],
     )?;
+    if let Some(note) = surplus {
+        dataset = dataset.with_note(note);
+    }
     if steps > 1 {
         dataset = dataset.with_note(format!("the first of {steps} steps was read"));
     }
@@ -391,9 +395,18 @@ fn header_text(voxels: &Voxels, packed_bytes: Option<usize>) -> String {
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
          {compression}TransformMatrix = {directions}\nOffset = {}\nElementSpacing = {}\n\
          DimSize = {x} {y} {z}\nElementNumberOfChannels = {channels}\n\
-         ElementType = {element_type}\nElementDataFile = LOCAL\n",
+         ElementType = {element_type}\n",
         vector(origin),
         vector(spacing),
+    );
+    // A comment makes the data start where it can be mapped.
+    const AROUND: &str = "Comment = \nElementDataFile = LOCAL\n";
+    let len = text.len() + AROUND.len();
+    let comment_len = len.next_multiple_of(DATA_ALIGN) - len;
+    let _ = write!(
+        text,
+        "Comment = {:-<comment_len$}\nElementDataFile = LOCAL\n",
+        ""
     );
     text
 }

@@ -347,12 +347,16 @@ fn read_from(source: &Source) -> Result<Dataset, Problem> {
         stored_steps: steps,
         planar: values > 1,
     };
+    let surplus = payload.surplus_note();
     let scaling = header.scaling()?.filter(|_| channels == 1);
     let field = match scaling {
         None => payload.into_field("scalars")?,
         Some((slope, inter)) => scaled_field(payload, slope, inter)?,
     };
     let mut dataset = Dataset::new(Geometry::Uniform(grid), vec![field])?;
+    if let Some(note) = surplus {
+        dataset = dataset.with_note(note);
+    }
     if steps > 1 {
         dataset = dataset.with_note(format!("the first of {steps} steps was read"));
     }

@@ -21,7 +21,7 @@ use crate::atomic::write_atomically;
 use crate::decode::{Endianness, Layout, decode_array, shown};
 use crate::error::{IoError, Problem};
 use crate::registry::{Format, ReadOptions};
-use crate::save::{Saved, Voxels, WriteFormat};
+use crate::save::{DATA_ALIGN, Saved, Voxels, WriteFormat};
 use crate::source::Source;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -324,9 +324,7 @@ fn write(path: &Path, voxels: &Voxels) -> Result<Saved, IoError> {
         "{{'descr': '{order}{}{size}', 'fortran_order': False, 'shape': {shape}, }}",
         &name[..1]
     );
-    /// The data starts at a multiple of this, so that it can be mapped.
-    const ALIGN: usize = 64;
-    let len = (10 + dictionary.len() + 1).next_multiple_of(ALIGN) - 10;
+    let len = (10 + dictionary.len() + 1).next_multiple_of(DATA_ALIGN) - 10;
     let header_len = u16::try_from(len)
         .map_err(|_| Problem::unsupported("a header longer than 65535 bytes").in_file(path))?;
     write_atomically(path, |w| {

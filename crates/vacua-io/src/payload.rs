@@ -104,6 +104,23 @@ impl Payload {
         ))
     }
 
+    /// What to tell the user if a plain file holds more than its header says: a sign that the
+    /// sizes are wrong.
+    pub(crate) fn surplus_note(&self) -> Option<String> {
+        let Skip::Bytes(skip) = self.skip else {
+            return None;
+        };
+        if self.encoding != Encoding::Raw || self.skip_lines > 0 {
+            return None;
+        }
+        let stored = match &self.place {
+            Place::Here(offset) => self.source.len().checked_sub(*offset)?,
+            Place::Files(names) => file_len(&names.path(0).ok()?).ok()?,
+        };
+        let surplus = stored.checked_sub(self.share_bytes().ok()?.checked_add(skip)?)?;
+        (surplus > 0).then(|| format!("{surplus} bytes after the data were not read"))
+    }
+
     /// Fetches the numbers, with errors as a lazy field has them.
     ///
     /// # Errors
@@ -233,7 +250,7 @@ impl Payload {
         let array = if self.encoding == Encoding::Raw && self.num_parts() == 1 {
             let (source, start) = self.open_part(0)?;
             self.skip_lines(&source, start)
-                .and_then(|start| self.skip_raw(&source, start, self.layout.len_bytes()?))
+                .and_then(|start| self.skip_raw(&source, start, self.share_bytes()?))
                 .and_then(|start| decode_array(&source, "data", start, &self.layout))
                 .map_err(|p| self.of_part(p, &source))?
         } else {
@@ -243,7 +260,7 @@ impl Payload {
                 for (part, to) in bytes.chunks_mut(share.max(1)).enumerate() {
                     let (source, start) = self.open_part(part)?;
                     self.skip_lines(&source, start)
-                        .and_then(|start| self.fill(&source, start, to, to_whole(share, to)))
+                        .and_then(|start| self.fill(&source, start, to, share))
                         .map_err(|p| self.of_part(p, &source))?;
                 }
                 Ok(())
@@ -297,17 +314,17 @@ impl Payload {
         }
     }
 
-    /// Decodes one file into its share of the numbers.
+    /// Decodes one file, which holds `share` bytes, into as many of them as are wanted.
     fn fill(
         &self,
         source: &Source,
         start: usize,
         to: &mut [u8],
-        whole: bool,
+        share: usize,
     ) -> Result<(), Problem> {
         match self.encoding {
             Encoding::Raw => {
-                let from = self.skip_raw(source, start, to.len())?;
+                let from = self.skip_raw(source, start, share)?;
                 copy_bytes(to, source.piece("data", from, to.len())?);
                 Ok(())
             }
@@ -328,15 +345,10 @@ impl Payload {
                     }
                 };
                 let packed = source.bytes().get(start..).unwrap_or_default();
-                expand(self.encoding, packed, skip, to, whole)
+                expand(self.encoding, packed, skip, to, to.len() == share)
             }
         }
     }
-}
-
-/// Whether a share is fetched to its end.
-fn to_whole(share: usize, to: &[u8]) -> bool {
-    to.len() == share
 }
 
 fn in_data_file(error: IoError) -> Problem {

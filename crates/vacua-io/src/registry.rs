@@ -127,7 +127,7 @@ fn hint(bytes: &[u8], name: &str) -> String {
     if bytes.starts_with(b"PK") && name.ends_with(".npz") {
         return "save the array on its own with numpy.save".to_owned();
     }
-    if crate::payload::is_gzip(bytes) && !name.ends_with(".raw") {
+    if crate::payload::is_gzip(bytes) {
         return "it is compressed with gzip: decompress it first".to_owned();
     }
     crate::raw::NEEDS.to_owned()

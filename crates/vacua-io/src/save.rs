@@ -18,6 +18,10 @@ pub struct WriteOptions {
     pub compress: bool,
 }
 
+/// Data after a text header starts at a multiple of this, so that it can be mapped: for any number
+/// type and for vector instructions.
+pub(crate) const DATA_ALIGN: usize = 64;
+
 /// What a format could not hold of what it was given; empty if nothing was lost.
 pub type Saved = Vec<String>;
 

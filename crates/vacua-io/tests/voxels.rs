@@ -194,6 +194,25 @@ fn large_plain_files_stay_mapped() {
     }
 }
 
+#[test]
+fn written_files_can_be_mapped() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    for name in ["a.nrrd", "a.mha", "a.npy"] {
+        let path = folder.path().join(name);
+        let dataset = written(ScalarType::F64, 1);
+        save(&path, &dataset, &WriteOptions::default()).expect("written");
+        let source = Source::open(&path).expect("there");
+        let dataset = open_source(&source, &ReadOptions::default()).expect("readable");
+        let values = dataset.fields()[0]
+            .load()
+            .expect("whole")
+            .bytes()
+            .as_ptr_range();
+        let file = source.bytes().as_ptr_range();
+        assert!(file.contains(&values.start), "{name} was copied");
+    }
+}
+
 /// A tilted, mirrored grid with values of one type.
 fn written(scalar_type: ScalarType, components: usize) -> Dataset {
     let points = [5, 4, 3];

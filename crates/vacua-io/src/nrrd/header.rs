@@ -58,9 +58,12 @@ impl<'a> Texts<'a> {
     }
 
     fn need(&self, name: &str) -> Result<&'a str, Problem> {
-        self.get(name)
-            .ok_or_else(|| Problem::malformed("NRRD header", format!("the field `{name}`"), "none"))
+        self.get(name).ok_or_else(|| missing(name))
     }
+}
+
+fn missing(field: &str) -> Problem {
+    Problem::malformed("NRRD header", format!("the field `{field}`"), "none")
 }
 
 fn wrong(field: &str, expected: impl Into<String>, found: &str) -> Problem {
@@ -174,12 +177,7 @@ impl Header {
             Some("little") => Endianness::Little,
             Some("big") => Endianness::Big,
             Some(other) => return Err(wrong("endian", "little or big", other)),
-            None if binary => {
-                return Err(texts
-                    .need("endian")
-                    .err()
-                    .unwrap_or_else(|| wrong("endian", "little or big", "")));
-            }
+            None if binary => return Err(missing("endian")),
             None => Endianness::NATIVE,
         };
         let axes = parse_axes(texts)?;

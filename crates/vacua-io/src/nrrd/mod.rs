@@ -65,10 +65,14 @@ fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
         stored_steps: roles.steps,
         planar: roles.planar,
     };
+    let surplus = payload.surplus_note();
     let mut dataset = Dataset::new(
         Geometry::Uniform(grid),
         vec![payload.into_field("scalars")?],
     )?;
+    if let Some(note) = surplus {
+        dataset = dataset.with_note(note);
+    }
     if roles.steps > 1 {
         dataset = dataset.with_note(format!("the first of {} steps was read", roles.steps));
     }
@@ -220,6 +224,19 @@ mod tests {
         .expect("legal");
         assert_eq!(values(&time).as_slice::<u8>(), Some(&data[..8]));
         assert!(time.notes()[0].contains("first of 2"));
+        let ended = open(
+            &format!("{base}sizes: 2 2 2 2\nkinds: space space space time\nbyte skip: -1"),
+            &[b"skipped".as_slice(), &data].concat(),
+        )
+        .expect("legal");
+        assert_eq!(values(&ended).as_slice::<u8>(), Some(&data[..8]));
+        let longer = [data.as_slice(), &[0; 3]].concat();
+        let longer = open(
+            &format!("{base}sizes: 2 2 2 2\nkinds: space space space time"),
+            &longer,
+        )
+        .expect("legal");
+        assert!(longer.notes()[0].contains("3 bytes"));
         let unclear = open(&format!("{base}sizes: 2 2 2 2"), &data).expect_err("ambiguous");
         assert!(unclear.to_string().contains("kinds"), "{unclear}");
     }

@@ -11,7 +11,7 @@ use vacua_volume::ScalarType;
 
 use crate::atomic::write_atomically;
 use crate::error::IoError;
-use crate::save::{Saved, Voxels, WriteFormat};
+use crate::save::{DATA_ALIGN, Saved, Voxels, WriteFormat};
 
 /// Writing NRRD files.
 pub(crate) const WRITER: WriteFormat = WriteFormat {
@@ -50,9 +50,6 @@ fn write(path: &Path, voxels: &Voxels) -> Result<Saved, IoError> {
     Ok(Vec::new())
 }
 
-/// The data starts at a multiple of this, so that it can be mapped.
-const ALIGN: usize = 64;
-
 fn header(voxels: &Voxels) -> String {
     let [x, y, z] = voxels.grid.points();
     let components = voxels.values.components();
@@ -78,7 +75,7 @@ fn header(voxels: &Voxels) -> String {
         vector(origin),
     );
     // A comment makes the data start where it can be mapped.
-    let comment_len = (text.len() + 3).next_multiple_of(ALIGN) - text.len() - 3;
+    let comment_len = (text.len() + 3).next_multiple_of(DATA_ALIGN) - text.len() - 3;
     let _ = write!(text, "#{:-<comment_len$}\n\n", "");
     text
 }
