@@ -114,4 +114,12 @@ impl Problem {
             hint: None,
         }
     }
+
+    /// [`Problem::Unsupported`] with what to do about it.
+    pub fn unsupported_but(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Unsupported {
+            what: what.into(),
+            hint: Some(hint.into()),
+        }
+    }
 }

@@ -7,14 +7,24 @@
 //! that names the file, the place and what was expected.
 
 mod atomic;
+mod decode;
 mod error;
+mod files;
+mod metaimage;
+mod nifti;
+mod npy;
+mod nrrd;
+mod payload;
+mod raw;
 mod registry;
+mod save;
 mod source;
 pub mod vtk;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};
-pub use registry::{Format, ReadOptions, formats, open, open_with};
+pub use registry::{Format, ReadOptions, formats, open, open_source, open_with};
+pub use save::{Saved, WriteOptions, save};
 pub use source::Source;
 
 pub use vacua_volume::Dataset;

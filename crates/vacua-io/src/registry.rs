@@ -41,7 +41,15 @@ pub struct Format {
 
 /// All formats that vacua reads, in the order in which they are asked.
 pub fn formats() -> &'static [Format] {
-    &[vtk::xml::FORMAT, vtk::legacy::FORMAT]
+    &[
+        vtk::xml::FORMAT,
+        vtk::legacy::FORMAT,
+        crate::nrrd::FORMAT,
+        crate::metaimage::FORMAT,
+        crate::nifti::FORMAT,
+        crate::npy::FORMAT,
+        crate::raw::FORMAT,
+    ]
 }
 
 /// Opens a file that says itself what it is.
@@ -58,14 +66,23 @@ pub fn open(path: impl AsRef<Path>) -> Result<Dataset, IoError> {
 /// As [`open`].
 pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Dataset, IoError> {
     let path = path.as_ref();
-    let source = Source::open(path)?;
-    let format = choose(&source).map_err(|p| p.in_file(path))?;
-    tracing::debug!(format = format.name, path = %path.display(), "reading");
-    (format.read)(&source, options).map_err(|p| p.in_file(path))
+    open_source(&Source::open(path)?, options)
 }
 
-/// Picks the format of a file: by its first bytes, then by its extension.
-fn choose(source: &Source) -> Result<&'static Format, Problem> {
+/// Opens a file that is in memory already, or mapped.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_source(source: &Source, options: &ReadOptions) -> Result<Dataset, IoError> {
+    let path = source.path();
+    let format = choose(source, options).map_err(|p| p.in_file(path))?;
+    tracing::debug!(format = format.name, path = %path.display(), "reading");
+    (format.read)(source, options).map_err(|p| p.in_file(path))
+}
+
+/// Picks the format of a file: raw if the command line gives its dimensions, otherwise by its
+/// first bytes, then by its extension (the longest that fits: `nii.gz` before `gz`).
+fn choose(source: &Source, options: &ReadOptions) -> Result<&'static Format, Problem> {
     let bytes = source.bytes();
     let name = source
         .path()
@@ -73,17 +90,27 @@ fn choose(source: &Source) -> Result<&'static Format, Problem> {
         .unwrap_or_default()
         .to_string_lossy()
         .to_lowercase();
-    let by_content = formats()
-        .iter()
-        .find(|f| f.sniff.is_some_and(|sniff| sniff(bytes)));
-    let by_extension = || {
-        formats().iter().find(|f| {
-            f.extensions
-                .iter()
-                .any(|e| name.ends_with(&format!(".{e}")))
-        })
+    let by_options = || {
+        let raw = formats().iter().find(|f| f.name == crate::raw::FORMAT.name);
+        raw.filter(|_| options.dimensions.is_some())
     };
-    by_content
+    let by_content = || {
+        formats()
+            .iter()
+            .find(|f| f.sniff.is_some_and(|sniff| sniff(bytes)))
+    };
+    let by_extension = || {
+        formats()
+            .iter()
+            .filter_map(|f| {
+                let fits = |e: &&&str| name.ends_with(&format!(".{e}"));
+                Some((f, f.extensions.iter().filter(fits).map(|e| e.len()).max()?))
+            })
+            .max_by_key(|(_, len)| *len)
+            .map(|(f, _)| f)
+    };
+    by_options()
+        .or_else(by_content)
         .or_else(by_extension)
         .ok_or_else(|| Problem::UnknownFormat {
             known: formats()
@@ -91,6 +118,20 @@ fn choose(source: &Source) -> Result<&'static Format, Problem> {
                 .map(|f| f.name)
                 .collect::<Vec<_>>()
                 .join(", "),
-            hint: None,
+            hint: Some(hint(bytes, &name)),
         })
+}
+
+/// What to do about a file that nothing recognises.
+fn hint(bytes: &[u8], name: &str) -> String {
+    if bytes.is_empty() {
+        return "the file is empty".to_owned();
+    }
+    if bytes.starts_with(b"PK") && name.ends_with(".npz") {
+        return "save the array on its own with numpy.save".to_owned();
+    }
+    if crate::payload::is_gzip(bytes) {
+        return "it is compressed with gzip: decompress it first".to_owned();
+    }
+    crate::raw::NEEDS.to_owned()
 }

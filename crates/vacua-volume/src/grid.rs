@@ -94,7 +94,8 @@ impl UniformGrid {
             .map(|a| a.length())
             .product();
         let determinant = axes.determinant();
-        if !world_from_index.is_finite() || !(determinant.abs() > 1e-9 * volume) {
+        let spans_space = determinant.abs() > 1e-9 * volume;
+        if !world_from_index.is_finite() || !spans_space {
             return Err(GridError::Singular(determinant));
         }
         Ok(Self {
