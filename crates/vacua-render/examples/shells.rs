@@ -66,7 +66,9 @@ fn main() {
             (SkipMethod::Grid, 8),
             (SkipMethod::Grid, 16),
         ] {
-            if !only.is_empty() && only != format!("{skip:?}{k}{shading:?}") { continue; }
+            if !only.is_empty() && only != format!("{skip:?}{k}{shading:?}") {
+                continue;
+            }
             let settings = RenderSettings {
                 skip,
                 macrocell_side: Some(k),
@@ -116,7 +118,9 @@ fn main() {
                 std::fs::write(format!("/work/scratch/{shading:?}.rgba"), px).expect("write");
                 reference = Some(f);
             } else {
-                let Some(r) = reference.as_ref() else { continue };
+                let Some(r) = reference.as_ref() else {
+                    continue;
+                };
                 let same = r
                     .rgba
                     .iter()

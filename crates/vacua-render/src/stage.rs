@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use vacua_skip::{
-    ActiveMask, Activity, GridSkip, Lattice, Macrocells, NoSkip, PointSource, Skipper,
+    ActiveMask, Activity, BoxSkip, GridSkip, Lattice, Macrocells, MeshSkip, NoSkip, PointSource,
+    Skipper,
 };
 use vacua_volume::{
     Geometry, TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale, Volume,
@@ -171,7 +172,8 @@ impl SkipStage {
             SkipMethod::None | SkipMethod::Auto | SkipMethod::Grid => {
                 Box::new(GridSkip::new(lattice, mask))
             }
-            SkipMethod::Boxes | SkipMethod::Mesh => Box::new(GridSkip::new(lattice, mask)),
+            SkipMethod::Boxes => Box::new(BoxSkip::new(&lattice, &mask)),
+            SkipMethod::Mesh => Box::new(MeshSkip::new(lattice, mask)),
         };
         let build_secs = start.elapsed().as_secs_f64();
         let num_macrocells = macrocells.lattice().len();

@@ -13,14 +13,21 @@
 //! for every skipper alike. A skipper therefore never has to guess about rounding: what it reports
 //! as empty contains no computed sample position in an active macrocell.
 
+mod boundary;
+mod boxes;
+mod bvh;
 mod grid;
 mod lattice;
 mod macrocells;
 mod mask;
+mod mesh;
 mod ray;
 
+pub use boundary::{BoundaryMesh, Quad, boundary_triangle_bound};
+pub use boxes::{BoxSkip, cluster_boxes};
 pub use grid::GridSkip;
 pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS};
 pub use macrocells::{Macrocells, PointSource};
 pub use mask::{ActiveMask, Activity};
+pub use mesh::MeshSkip;
 pub use ray::{BLOCKS_PER_WINDOW, MAX_SAMPLES, NoSkip, SampleRay, Skipper, Window};

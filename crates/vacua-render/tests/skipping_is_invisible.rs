@@ -1,0 +1,242 @@
+//! The first contract: skipping changes no bit of any picture.
+//!
+//! Random small scenes, each rendered without skipping and with every method, compared bit by bit:
+//! colour, alpha and depth. Cameras are inside, outside, aligned with the axes or grazing faces of
+//! macrocells; transfer functions have knots exactly on data values.
+
+use glam::DVec3;
+use proptest::prelude::*;
+use vacua_render::{
+    Camera, ClipPlane, CpuRenderer, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer,
+    Scene, Shading, SkipMethod,
+};
+use vacua_volume::{
+    Association, Bounds, CellMask, ColorPoint, ComponentChoice, DataArray, Dataset, Field,
+    FieldChoice, Geometry, OpacityPoint, RectilinearGrid, Scalar, ScalarType, TransferFunction,
+    UniformGrid, ValueScale, dispatch_scalar,
+};
+
+#[derive(Clone, Debug)]
+struct Case {
+    points: [usize; 3],
+    scalar_type: ScalarType,
+    association: Association,
+    stretch: Option<f64>,
+    spacing: [f64; 3],
+    seed: u32,
+    sparsity: u32,
+    holes: bool,
+    knots: Vec<(usize, f64)>,
+    log: bool,
+    view: usize,
+    eye: [f64; 3],
+    snap: bool,
+    orthographic: bool,
+    step: f64,
+    side: usize,
+    jitter: bool,
+    clip: Option<[f64; 3]>,
+    roi: bool,
+    maximum: bool,
+    gradient: bool,
+}
+
+fn case() -> impl Strategy<Value = Case> {
+    let data = (
+        prop::array::uniform3(2usize..16),
+        prop::sample::select(ScalarType::ALL.to_vec()),
+        prop_oneof![4 => Just(Association::Point), 1 => Just(Association::Cell)],
+        prop::option::weighted(0.3, 1.01f64..1.6),
+        prop::array::uniform3(prop_oneof![2 => Just(1.0), 1 => 0.1f64..10.0]),
+        any::<u32>(),
+        1u32..30,
+        prop::bool::weighted(0.2),
+    );
+    let look = (
+        prop::collection::vec((0usize..9, prop_oneof![2 => Just(0.0), 1 => 0.0..0.9]), 1..6),
+        prop::bool::weighted(0.15),
+        prop::bool::weighted(0.2),
+        prop::bool::weighted(0.3),
+    );
+    let view = (
+        0usize..5,
+        prop::array::uniform3(-1.0f64..2.0),
+        any::<bool>(),
+        any::<bool>(),
+        prop_oneof![Just(0.5), Just(1.0), 0.05f64..4.0],
+        1usize..10,
+        any::<bool>(),
+        prop::option::weighted(0.3, prop::array::uniform3(-1.0f64..1.0)),
+        prop::bool::weighted(0.2),
+    );
+    (data, look, view).prop_map(|(d, l, v)| Case {
+        points: d.0,
+        scalar_type: d.1,
+        association: d.2,
+        stretch: d.3,
+        spacing: d.4,
+        seed: d.5,
+        sparsity: d.6,
+        holes: d.7,
+        knots: l.0,
+        log: l.1,
+        maximum: l.2,
+        gradient: l.3,
+        view: v.0,
+        eye: v.1,
+        snap: v.2,
+        orthographic: v.3,
+        step: v.4,
+        side: v.5,
+        jitter: v.6,
+        clip: v.7,
+        roi: v.8,
+    })
+}
+
+/// Values that occur: few, so that knots meet them.
+const LEVELS: [f64; 9] = [1.0, 2.0, 3.0, 5.0, 8.0, 20.0, 40.0, 70.0, 100.0];
+
+fn scene(case: &Case) -> Scene {
+    let n = match case.association {
+        Association::Point => case.points,
+        Association::Cell => case.points.map(|p| p - 1),
+    };
+    let hash = |i: usize| (i as u32 ^ case.seed).wrapping_mul(2_654_435_761).rotate_left(15) >> 8;
+    let value = |i: usize| {
+        let h = hash(i.wrapping_mul(31));
+        if case.holes && h % 29 == 7 {
+            f64::NAN
+        } else if h % case.sparsity == 0 {
+            LEVELS[(hash(i) % 9) as usize]
+        } else {
+            LEVELS[0]
+        }
+    };
+    let array = dispatch_scalar!(case.scalar_type, T => {
+        let values = (0..n.iter().product()).map(value);
+        DataArray::from_vec(values.map(<T as Scalar>::from_f64).collect::<Vec<T>>(), 1)
+    })
+    .expect("one component");
+    let geometry = match case.stretch {
+        None => Geometry::Uniform(
+            UniformGrid::new(case.points, DVec3::new(-3.0, 0.5, 10.0), case.spacing.into())
+                .expect("a good grid"),
+        ),
+        Some(ratio) => {
+            let planes = |a: usize| {
+                let mut x = vec![-1.0];
+                for i in 1..case.points[a] {
+                    x.push(x[i - 1] + case.spacing[a] * ratio.powi(i as i32));
+                }
+                x
+            };
+            Geometry::Rectilinear(
+                RectilinearGrid::new(planes(0), planes(1), planes(2)).expect("increasing"),
+            )
+        }
+    };
+    let bounds = geometry.bounds();
+    let field = Field::new("f", case.association, array);
+    let mut mask = CellMask::new(geometry.num_cells());
+    for cell in (0..mask.len()).filter(|&c| case.holes && hash(c + 7) % 5 == 0) {
+        mask.blank(cell);
+    }
+    let volume = Dataset::new(geometry, vec![field])
+        .and_then(|d| d.with_blanked_cells(mask))
+        .and_then(|d| d.volume(&FieldChoice::Only, ComponentChoice::Auto))
+        .expect("it fits together");
+    let mut knots: Vec<(f64, f64)> = case.knots.iter().map(|k| (LEVELS[k.0], k.1)).collect();
+    knots.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let unit = 0.1 * bounds.diagonal();
+    let scale = if case.log { ValueScale::Log } else { ValueScale::Linear };
+    let colors = vec![
+        ColorPoint { value: 1.0, srgb: [0.1, 0.2, 0.9] },
+        ColorPoint { value: 100.0, srgb: [0.9, 0.7, 0.1] },
+    ];
+    let opacities = knots.iter().map(|k| OpacityPoint { value: k.0, opacity: k.1 }).collect();
+    let look = TransferFunction::new(colors, opacities, unit, scale).expect("sorted knots");
+    let in_box = |f: [f64; 3]| bounds.lo + DVec3::from(f) * bounds.size();
+    let mut eye = in_box(case.eye);
+    if case.snap {
+        // On a lattice point, and often in line with a face or an edge of macrocells.
+        let cell = bounds.size() / DVec3::from(case.points.map(|n| (n - 1) as f64));
+        eye = bounds.lo + ((eye - bounds.lo) / cell).round() * cell;
+    }
+    let at = match case.view {
+        0 => eye + DVec3::X,
+        1 => eye - DVec3::Y,
+        2 => eye + DVec3::Z,
+        3 => eye + DVec3::new(1.0, 1.0, 0.0),
+        _ => bounds.center() + DVec3::splat(1e-3),
+    };
+    let projection = if case.orthographic {
+        Projection::Orthographic { height: bounds.diagonal() }
+    } else {
+        Projection::Perspective { fov_degrees: 60.0 }
+    };
+    let up = DVec3::new(0.1, 1.0, 0.3);
+    let mut scene =
+        Scene::new(volume, look).camera(Camera::Placed { eye, at, up, projection });
+    if let Some(normal) = case.clip {
+        let plane = ClipPlane { point: bounds.center(), normal: DVec3::from(normal) };
+        scene = scene.clip(plane);
+    }
+    if case.roi {
+        let roi = Bounds { lo: in_box([0.2, 0.0, 0.3]), hi: in_box([0.9, 0.8, 1.0]) };
+        scene = scene.region_of_interest(roi);
+    }
+    scene
+}
+
+fn settings(case: &Case, skip: SkipMethod) -> RenderSettings {
+    RenderSettings {
+        width: 9,
+        height: 7,
+        step: case.step,
+        integrator: if case.maximum { Integrator::MaximumIntensity } else { Integrator::March },
+        shading: if case.gradient { Shading::Gradient } else { Shading::None },
+        skip,
+        macrocell_side: Some(case.side),
+        jitter: if case.jitter { Jitter::On } else { Jitter::Off },
+        ..Default::default()
+    }
+}
+
+/// Colour, alpha and depth as bits.
+fn bits(frame: &Frame) -> Vec<[u32; 5]> {
+    let depth = frame.depth.iter().map(|d| d.to_bits());
+    frame.rgba.iter().zip(depth).map(|(p, d)| {
+        let [r, g, b, a] = p.map(f32::to_bits);
+        [r, g, b, a, d]
+    }).collect()
+}
+
+fn check(renderers: &mut [CpuRenderer], case: &Case) -> Result<(), TestCaseError> {
+    let scene = scene(case);
+    let reference = renderers[0].render(&scene, &settings(case, SkipMethod::None));
+    let reference = reference.expect("a good scene").frame;
+    for (i, renderer) in renderers.iter_mut().enumerate() {
+        for method in [SkipMethod::Grid, SkipMethod::Boxes, SkipMethod::Mesh] {
+            let rendering = renderer.render(&scene, &settings(case, method)).expect("a good scene");
+            prop_assert_eq!(rendering.report.method, method);
+            let same = bits(&rendering.frame) == bits(&reference);
+            prop_assert!(same, "{:?} differs with renderer {}", method, i);
+            prop_assert!(rendering.frame.total_samples() <= reference.total_samples());
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn in_ten_thousand_random_scenes() {
+    let mut renderers =
+        [CpuRenderer::new(Some(1)).expect("a thread"), CpuRenderer::new(Some(3)).expect("threads")];
+    let config = ProptestConfig { cases: 10_000, ..ProptestConfig::default() };
+    let mut runner = proptest::test_runner::TestRunner::new(config);
+    let renderers = std::cell::RefCell::new(&mut renderers);
+    let result = runner.run(&case(), |case| check(&mut **renderers.borrow_mut(), &case));
+    if let Err(error) = result {
+        panic!("{error}");
+    }
+}

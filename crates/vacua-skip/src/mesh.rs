@@ -1,0 +1,195 @@
+//! `mesh`: rays find where they enter and leave the active region by tracing its triangulated
+//! boundary (paper A §4.3), made exact.
+//!
+//! The paper toggles between inside and outside at every hit. Here a hit only says at which sample
+//! the state *may* change; what it is from there on is read from the mask, at that very sample.
+//! From a sample in an active macrocell the next back face is sought, else the next front face:
+//! between two samples of different state the line crosses such a face. Faces are tested as
+//! axis-aligned quads, `t = (plane − origin) · inverse`, in `f64`, a little wider than they are, so
+//! that none is missed along edges; one hit too many costs a look at the mask.
+
+use vacua_simd::BLOCK;
+
+use crate::boundary::{BoundaryMesh, Quad};
+use crate::bvh::{Hierarchy, Line, slack};
+use crate::lattice::Lattice;
+use crate::mask::ActiveMask;
+use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, Window};
+
+/// The triangulated boundary of the active macrocells.
+#[derive(Clone)]
+pub struct MeshSkip {
+    lattice: Lattice,
+    mask: ActiveMask,
+    mesh: BoundaryMesh,
+    faces: Vec<Face>,
+    hierarchy: Hierarchy,
+}
+
+/// A quad in ray space.
+#[derive(Clone, Copy)]
+struct Face {
+    axis: u8,
+    faces_up: bool,
+    /// Lattice plane that it lies on.
+    plane: f32,
+    /// Extent along `(axis + 1) % 3` and `(axis + 2) % 3`.
+    lo: [f32; 2],
+    hi: [f32; 2],
+}
+
+impl Face {
+    fn new(lattice: &Lattice, quad: &Quad) -> Self {
+        let axis = usize::from(quad.axis);
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let [i, j] = quad.at.map(|i| i as usize);
+        Self {
+            axis: quad.axis,
+            faces_up: quad.faces_up,
+            plane: lattice.plane(axis, quad.plane as usize),
+            lo: [lattice.plane(u, i), lattice.plane(v, j)],
+            hi: [lattice.plane(u, i + 1), lattice.plane(v, j + 1)],
+        }
+    }
+
+    fn corners(&self) -> [[f32; 3]; 2] {
+        let axis = usize::from(self.axis);
+        let corner = |c: [f32; 2]| {
+            let mut p = [self.plane; 3];
+            (p[(axis + 1) % 3], p[(axis + 2) % 3]) = (c[0], c[1]);
+            p
+        };
+        [corner(self.lo), corner(self.hi)]
+    }
+}
+
+impl MeshSkip {
+    /// Extracts the boundary of a mask and builds a hierarchy over it.
+    ///
+    /// # Panics
+    /// If the mask belongs to another lattice.
+    pub fn new(lattice: Lattice, mask: ActiveMask) -> Self {
+        assert_eq!(
+            lattice.counts(),
+            mask.counts(),
+            "mask and lattice belong together"
+        );
+        let mesh = BoundaryMesh::new(&mask);
+        let faces: Vec<Face> = mesh
+            .quads()
+            .iter()
+            .map(|q| Face::new(&lattice, q))
+            .collect();
+        let boxes: Vec<[[f32; 3]; 2]> = faces.iter().map(Face::corners).collect();
+        let hierarchy = Hierarchy::new(&boxes);
+        Self {
+            lattice,
+            mask,
+            mesh,
+            faces,
+            hierarchy,
+        }
+    }
+
+    /// The boundary.
+    pub fn boundary(&self) -> &BoundaryMesh {
+        &self.mesh
+    }
+
+    /// Whether the macrocell of a sample is active.
+    fn is_active(&self, ray: &SampleRay, k: u32) -> bool {
+        self.mask
+            .get([0, 1, 2].map(|a| self.lattice.macrocell_of(a, ray.at(a, k))))
+    }
+
+    /// The first sample after `k` at which the state may differ from `active`, that of sample `k`.
+    fn next_change(&self, ray: &SampleRay, line: &Line, k: u32, active: bool) -> Option<u32> {
+        let mut change = u32::MAX;
+        let t_min = f64::from(k) - 0.5;
+        self.hierarchy.nearest(line, t_min, |i| {
+            let face = &self.faces[i];
+            let axis = usize::from(face.axis);
+            let upward = line.step[axis] > 0.0;
+            // Leaving means passing a face from its active side.
+            if line.step[axis] == 0.0 || (face.faces_up == upward) != active {
+                return None;
+            }
+            // Computed coordinates reach a plane when the line passes half-way from the number
+            // before it.
+            let plane = 0.5 * (f64::from(face.plane) + f64::from(face.plane.next_down()));
+            let t = (plane - line.start[axis]) * line.inverse[axis];
+            if t < t_min {
+                return None;
+            }
+            for (side, a) in [(axis + 1) % 3, (axis + 2) % 3].into_iter().enumerate() {
+                let at = line.start[a] + t * line.step[a];
+                let (lo, hi) = (face.lo[side], face.hi[side]);
+                let below = at < f64::from(lo) - f64::from(slack(lo)) - 1e-9 * at.abs();
+                let above = at > f64::from(hi) + f64::from(slack(hi)) + 1e-9 * at.abs();
+                if below || above {
+                    return None;
+                }
+            }
+            let passed = |k: u32| (ray.at(axis, k) >= face.plane) == upward;
+            let mut first = t.ceil().clamp(0.0, f64::from(ray.end)) as u32;
+            while first > 0 && passed(first - 1) {
+                first -= 1;
+            }
+            while first < ray.end && !passed(first) {
+                first += 1;
+            }
+            if first <= k {
+                return None;
+            }
+            change = change.min(first);
+            // The box of the face may begin a little before `t`.
+            Some(t)
+        })?;
+        Some(change)
+    }
+}
+
+impl Skipper for MeshSkip {
+    fn name(&self) -> &'static str {
+        "mesh"
+    }
+
+    fn next_window(&self, ray: &SampleRay, from: u32) -> Option<Window> {
+        let line = Line::new(ray);
+        let block = |k: u32| k / BLOCK as u32;
+        let mut k = ray.begin.max(from * BLOCK as u32);
+        let mut window: Option<Window> = None;
+        while k < ray.end {
+            let active = self.is_active(ray, k);
+            let change = self
+                .next_change(ray, &line, k, active)
+                .unwrap_or(ray.end)
+                .min(ray.end);
+            if active {
+                let first = block(k);
+                let current = *window.get_or_insert(Window {
+                    first_block: first - first % BLOCKS_PER_WINDOW,
+                    blocks: 0,
+                });
+                let to = block(change - 1) + 1;
+                let blocks = SampleRay::window_bits(current.first_block, first, to);
+                window = Some(Window {
+                    blocks: current.blocks | blocks,
+                    ..current
+                });
+            }
+            k = change;
+            if window.is_some_and(|w| block(k) >= w.first_block + BLOCKS_PER_WINDOW) {
+                break;
+            }
+        }
+        window
+    }
+
+    fn size_bytes(&self) -> usize {
+        self.mask.size_bytes()
+            + size_of_val(self.faces.as_slice())
+            + size_of_val(self.mesh.quads())
+            + self.hierarchy.size_bytes()
+    }
+}
