@@ -164,7 +164,7 @@ pub struct View {
 impl View {
     /// The ray through a point of the picture, in pixels from its upper left corner: origin and
     /// unit direction in world space.
-    #[inline]
+    #[inline(always)]
     pub fn ray(&self, x: f64, y: f64) -> (DVec3, DVec3) {
         let across = self.right * (x * self.pixel[0] - 1.0) + self.up * (1.0 - y * self.pixel[1]);
         if self.parallel {

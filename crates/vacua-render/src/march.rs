@@ -165,11 +165,10 @@ impl<'a, S: Simd, V: Sampler> Composite<'a, S, V> {
 
     #[inline(always)]
     pub fn finish(self) -> RayResult {
-        let sum = |c: S::F| {
-            let [[a, b, c, d, e, f, g, h], _] = c.blocks();
+        let [r, g, b] = per_axis!(i => {
+            let [[a, b, c, d, e, f, g, h], _] = self.color[i].blocks();
             ((a + b) + (c + d)) + ((e + f) + (g + h))
-        };
-        let [r, g, b] = self.color.map(sum);
+        });
         RayResult {
             rgba: [r, g, b, 1.0 - self.transmittance],
             depth_sample: self.depth_sample,

@@ -84,6 +84,7 @@ impl RaySetup {
     }
 
     /// Part of a step by which the samples of a pixel are shifted in a frame.
+    #[inline(always)]
     pub fn jitter_of(&self, x: usize, y: usize, frame: u32) -> f64 {
         if !self.jitter {
             return 0.0;
@@ -94,6 +95,7 @@ impl RaySetup {
 
     /// The ray through a point of the picture (in pixels), its samples shifted by `jitter` steps;
     /// `None` if no sample lies in what is seen of the volume.
+    #[inline(always)]
     pub fn ray(&self, lattice: &Lattice, x: f64, y: f64, jitter: f64) -> Option<PreparedRay> {
         let (origin_world, direction) = self.view.ray(x, y);
         let origin = self.ray_from_world.transform_point3(origin_world);
@@ -128,6 +130,7 @@ impl RaySetup {
     }
 
     /// The part of a ray that clip planes and region of interest leave, in world distance.
+    #[inline(always)]
     fn clip(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let (mut lo, mut hi) = (0.0, f64::INFINITY);
         for plane in &self.clip_planes {
@@ -151,6 +154,7 @@ impl RaySetup {
     }
 
     /// The light for a ray: what its direction and the map of space make of gradients.
+    #[inline(always)]
     pub fn light(&self, direction: DVec3) -> Light {
         let m = self.ray_from_world.matrix3;
         let toward = (m * -direction).as_vec3().to_array();
@@ -173,6 +177,7 @@ impl RaySetup {
 
 /// Where a line is within a box; `None` if it misses. Along an axis that it does not move on, it
 /// is inside or not.
+#[inline(always)]
 fn slab(origin: DVec3, d: DVec3, lo: DVec3, hi: DVec3) -> Option<(f64, f64)> {
     let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {

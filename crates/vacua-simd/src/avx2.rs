@@ -212,6 +212,16 @@ impl Float for F {
     }
 }
 
+impl F {
+    /// Subnormal numbers as 0.
+    #[inline(always)]
+    fn flushed(self) -> Self {
+        let normal = Self::splat(f32::MIN_POSITIVE).le(self.abs());
+        let not_a_number = !self.le(self);
+        self.or_zero(normal | not_a_number)
+    }
+}
+
 /// Products of all lanes before each, and of all eight.
 #[inline(always)]
 fn products(p: __m256) -> (__m256, f32) {
@@ -448,7 +458,8 @@ impl Simd for Avx2 {
         if T::KIND == VoxelKind::F32 && map.is_none() {
             let base = voxels.as_ptr().wrapping_add(from).cast::<f32>();
             // SAFETY: `T` is `f32`, and the caller keeps both voxels of every lane in the slice.
-            return unsafe { float_pairs(base, offsets) };
+            let (a, b) = unsafe { float_pairs(base, offsets) };
+            return (a.flushed(), b.flushed());
         }
         // SAFETY: the caller's promise is that of `pairs`.
         unsafe { pairs(voxels, from, &widen(offsets), map) }

@@ -389,7 +389,11 @@ fn narrow(wide: [__m512d; 2], map: Option<WideMap>) -> F {
 fn from_32<T: Voxel>(raw: __m512i, map: Option<WideMap>) -> F {
     simd! {
         match (T::KIND, map) {
-            (VoxelKind::F32, None) => F(_mm512_castsi512_ps(raw)),
+            (VoxelKind::F32, None) => {
+                // Subnormal numbers make every multiplication a microcode assist: read them as 0.
+                let normal = _mm512_test_epi32_mask(raw, _mm512_set1_epi32(0x7f80_0000));
+                F(_mm512_maskz_mov_ps(normal, _mm512_castsi512_ps(raw)))
+            }
             (VoxelKind::U32, None) => F(_mm512_cvtepu32_ps(raw)),
             (VoxelKind::I32, None) => F(_mm512_cvtepi32_ps(raw)),
             (VoxelKind::U32, _) => {

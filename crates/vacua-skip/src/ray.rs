@@ -26,6 +26,7 @@ pub struct SampleRay {
 
 impl SampleRay {
     /// A ray cut to the samples that lie in the lattice, its planes included.
+    #[inline(always)]
     pub fn within(lattice: &Lattice, start: [f32; 3], step: [f32; 3]) -> Self {
         let mut ray = Self {
             start,
@@ -78,6 +79,7 @@ impl SampleRay {
 }
 
 /// The samples `k` with `lo <= fma(k, step, start) <= hi`, as a half-open range.
+#[inline(always)]
 fn samples_between(start: f32, step: f32, lo: f32, hi: f32) -> (u32, u32) {
     let at = |k: f64| (k as f32).mul_add(step, start);
     if step == 0.0 {

@@ -75,10 +75,11 @@ impl ValueMap {
         *self == Self::IDENTITY
     }
 
-    /// A stored value as rendering sees it.
+    /// A stored value as rendering sees it; subnormal numbers are 0 to it.
     #[inline(always)]
     pub fn rendered(&self, value: f64) -> f32 {
-        ((value - self.offset) * self.factor) as f32
+        let rendered = ((value - self.offset) * self.factor) as f32;
+        if rendered.is_subnormal() { 0.0 } else { rendered }
     }
 
     /// The stored value that rendering sees as `rendered`.
