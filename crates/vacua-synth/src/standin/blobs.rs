@@ -14,10 +14,10 @@ const NUM_BLOBS: usize = 22;
 const SEED: u32 = 22;
 
 /// Noise moves a surface by at most this part of its distance.
-const ROUGHNESS: f32 = 0.3;
+const ROUGHNESS: f32 = 0.28;
 
 /// Radius of the haze, in sides of the volume.
-const RADII: Range<f64> = 0.115..0.18;
+const RADII: Range<f64> = 0.125..0.18;
 
 struct Blob {
     center: [f32; 3],

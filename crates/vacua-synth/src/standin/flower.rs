@@ -20,7 +20,7 @@ struct Whorl {
     turn: [f32; 2],
 }
 
-const WHORLS: [Whorl; 4] = [
+const WHORLS: [Whorl; 5] = [
     Whorl {
         radius: [0.05, 0.10],
         heights: [0.35, 0.66, 0.90],
@@ -49,10 +49,17 @@ const WHORLS: [Whorl; 4] = [
         fold: 0.10,
         turn: [0.6, -0.8],
     },
+    Whorl {
+        radius: [0.06, 0.40],
+        heights: [0.16, 0.24, 0.42],
+        doublings: 2,
+        fold: 0.08,
+        turn: [-0.6, 0.8],
+    },
 ];
 
 /// Half the thickness of a petal, in sides of the volume.
-const HALF_THICKNESS: f32 = 0.0085;
+const HALF_THICKNESS: f32 = 0.0128;
 
 /// A flower along z in the unit cube, stretched to the volume.
 pub(crate) struct Flower {
@@ -77,6 +84,22 @@ struct Ring {
     turn: [f32; 2],
     /// There is a petal where the wave is at least this.
     petal_from: f32,
+}
+
+impl Ring {
+    /// Value at a place relative to the axis.
+    #[inline(always)]
+    fn value(&self, dx: f32, dy: f32) -> f32 {
+        let distance = (dx * dx + dy * dy).sqrt();
+        // cos(2φ) = 2cos²φ − 1, as often as there are doublings.
+        let mut wave = (dx * self.turn[0] + dy * self.turn[1]) / distance.max(1e-6);
+        for _ in 0..self.doublings {
+            wave = 2.0 * wave * wave - 1.0;
+        }
+        let off = (distance - self.radius * (1.0 + self.fold * wave)).abs();
+        let thickness = HALF_THICKNESS * ((wave - self.petal_from) * 6.0).clamp(0.0, 1.0);
+        0.85 * (thickness - off) / HALF_THICKNESS
+    }
 }
 
 impl Flower {
@@ -136,29 +159,27 @@ impl Rows for Flower {
         let half = half_sq.sqrt();
         let at = |x: f32| ((x / self.step[0]).max(0.0) as usize).min(self.len);
         let range = at(0.5 - half)..at(0.5 + half + self.step[0]);
-        let first = range.start as f32;
-        let x_of = |i: usize| (first + i as f32 + 0.5) * self.step[0] - 0.5;
         let row = &mut row[range.clone()];
+        let x_of = |i: usize| ((range.start + i) as f32 + 0.5) * self.step[0] - 0.5;
+        let head = slice.stem.max(slice.head);
         for (i, out) in row.iter_mut().enumerate() {
             let dx = x_of(i);
-            let distance = (dx * dx + dy * dy).sqrt();
-            let stem = (slice.stem - distance) / 0.02;
-            let head = (slice.head - distance) / 0.03;
-            *out = stem.max(head).clamp(0.0, 1.0);
+            *out = ((head - (dx * dx + dy * dy).sqrt()) / 0.03).clamp(0.0, 1.0);
         }
         for ring in &slice.rings {
-            for (i, out) in row.iter_mut().enumerate() {
-                let dx = x_of(i);
-                let distance = (dx * dx + dy * dy).sqrt();
-                // cos(2φ) = 2cos²φ − 1, as often as there are doublings.
-                let mut wave = (dx * ring.turn[0] + dy * ring.turn[1]) / distance.max(1e-6);
-                for _ in 0..ring.doublings {
-                    wave = 2.0 * wave * wave - 1.0;
-                }
-                let off = (distance - ring.radius * (1.0 + ring.fold * wave)).abs();
-                let thickness = HALF_THICKNESS * ((wave - ring.petal_from) * 6.0).clamp(0.0, 1.0);
-                let value = 0.85 * (thickness - off) / HALF_THICKNESS;
-                *out = out.max(value);
+            let outer = ring.radius * (1.0 + ring.fold) + HALF_THICKNESS;
+            let inner = ring.radius * (1.0 - ring.fold) - HALF_THICKNESS;
+            let half_width = |radius: f32| {
+                let half = (radius * radius.abs() - dy * dy).max(0.0).sqrt();
+                at(0.5 - half)..at(0.5 + half + self.step[0])
+            };
+            let (around, hole) = (half_width(outer), half_width(inner));
+            // The left and the right part of the ring, or all of it where the hole is closed.
+            let left = around.start..(hole.start + 1).clamp(around.start, around.end);
+            let right = left.end.max(hole.end.saturating_sub(2))..around.end;
+            for i in left.chain(right) {
+                let i = i - range.start;
+                row[i] = row[i].max(ring.value(x_of(i), dy));
             }
         }
         range

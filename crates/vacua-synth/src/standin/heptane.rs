@@ -33,7 +33,7 @@ impl Heptane {
             len: points[0],
             noise: Noise::new(vec![
                 octave(11, 0.16, 0.7 * ROUGHNESS),
-                octave(12, 0.06, 0.3 * ROUGHNESS),
+                octave(12, 0.045, 0.3 * ROUGHNESS),
             ]),
         }
     }
@@ -47,7 +47,7 @@ impl Rows for Heptane {
         let sway = 0.06 * height * (libm::sinf(9.0 * height) - 0.3);
         PlumeSlice {
             center: [0.5 + sway, 0.5 - 0.7 * sway],
-            radius: 0.14 + 0.36 * height.sqrt(),
+            radius: 0.11 + 0.30 * height.sqrt(),
             noise: self.noise.slice(z),
             noise_row: vec![0.0; self.len],
         }

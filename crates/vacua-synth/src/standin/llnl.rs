@@ -8,11 +8,11 @@ use crate::fill::Rows;
 use crate::noise::{Noise, NoiseSlice, Octave};
 
 /// Half the thickness of the mixing layer, in sides of the volume.
-const HALF_THICKNESS: f32 = 0.085;
+const HALF_THICKNESS: f32 = 0.135;
 /// How far bubbles and spikes move the layer, in sides of the volume.
-const WAVES: f32 = 0.16;
+const WAVES: f32 = 0.2;
 /// How much eddies change the mixture.
-const EDDIES: f32 = 1.6;
+const EDDIES: f32 = 2.4;
 
 /// A mixing layer across z.
 pub(crate) struct Llnl {
