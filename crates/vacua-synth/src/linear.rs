@@ -31,10 +31,8 @@ impl LinearField {
     /// # Errors
     /// As [`crate::generate`].
     pub fn of(spec: &Spec) -> Result<Option<Self>, SynthError> {
-        Ok(match geometry(spec)? {
-            Some(geometry) => Some(Self::spanning(&geometry, unit_scale(spec.scalar_type))),
-            None => None,
-        })
+        let scale = unit_scale(spec.scalar_type);
+        Ok(geometry(spec)?.map(|geometry| Self::spanning(&geometry, scale)))
     }
 
     fn spanning(geometry: &Geometry, scale: f64) -> Self {

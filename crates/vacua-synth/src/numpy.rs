@@ -113,11 +113,11 @@ pub(crate) fn exp_nonpositive(x: f32) -> f32 {
     let k = (x * std::f32::consts::LOG2_E + ROUND) - ROUND;
     let y = k.mul_add(-1.428_606_8e-6, k.mul_add(-0.693_145_75, x));
     let numerator = [
-        5.082_762_6e-4,
+        5.082_763e-4,
         6.757_897e-3,
         5.114_512e-2,
         2.473_615_4e-1,
-        7.257_664_6e-1,
+        7.257_665e-1,
         1.0,
     ];
     let denominator = [2.159_509_4e-2, -2.742_335_4e-1, 1.0];

@@ -59,7 +59,7 @@ const WHORLS: [Whorl; 5] = [
 ];
 
 /// Half the thickness of a petal, in sides of the volume.
-const HALF_THICKNESS: f32 = 0.0128;
+const HALF_THICKNESS: f32 = 0.0145;
 
 /// A flower along z in the unit cube, stretched to the volume.
 pub(crate) struct Flower {
