@@ -27,7 +27,7 @@ impl Dns {
         Self {
             len: points[0],
             eddies: Noise::new(vec![octave(31, 40.0, 0.8), octave(32, 18.0, 0.5)]),
-            strength: Noise::new(vec![octave(33, 160.0, 1.4)]),
+            strength: Noise::new(vec![octave(33, 80.0, 1.4)]),
         }
     }
 }

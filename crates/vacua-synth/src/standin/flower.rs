@@ -50,7 +50,7 @@ const WHORLS: [Whorl; 5] = [
         turn: [0.6, -0.8],
     },
     Whorl {
-        radius: [0.06, 0.40],
+        radius: [0.02, 0.44],
         heights: [0.16, 0.24, 0.42],
         doublings: 2,
         fold: 0.08,
