@@ -44,26 +44,28 @@ pub fn format_of(target: &Target) -> Option<&'static Format> {
 }
 
 /// Reads bytes as the format of a target and loads every field; any outcome but a panic is fine.
+/// Returns the number of fields that could be loaded, or `None` if the file was refused.
 ///
 /// # Panics
 /// If there is no such target, no reader for it, or the reader has a bug.
-pub fn read(name: &str, bytes: &[u8]) {
+pub fn read(name: &str, bytes: &[u8]) -> Option<usize> {
     let target = TARGETS
         .iter()
         .find(|target| target.name == name)
         .unwrap_or_else(|| panic!("no fuzz target `{name}`"));
     let format = format_of(target).unwrap_or_else(|| panic!("no reader for {}", target.file));
     let source = Source::from_bytes(Path::new(target.file), bytes.to_vec());
-    let Ok(dataset) = (format.read)(&source, &ReadOptions::default()) else {
-        return;
-    };
+    let dataset = (format.read)(&source, &ReadOptions::default()).ok()?;
     let bounds = dataset.geometry().bounds();
     assert!(!bounds.lo.is_nan() && !bounds.hi.is_nan());
+    let mut num_loaded = 0;
     for field in dataset.fields() {
         if let Ok(values) = field.load() {
+            num_loaded += 1;
             for component in 0..values.components() {
                 let _range = values.range(component);
             }
         }
     }
+    Some(num_loaded)
 }

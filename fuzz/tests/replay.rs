@@ -10,9 +10,14 @@ const NUM_MUTATIONS: u64 = 200;
 /// Seeds larger than this are left to real fuzzing.
 const LARGEST_SEED_BYTES: usize = 1 << 16;
 
+/// The folder of this crate.
+fn here() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
 /// Files to start from: this crate's own, and those that the readers' tests use.
 fn seeds(name: &str, file: &str) -> Vec<Vec<u8>> {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let here = here();
     let extension = file.split_once('.').map_or("", |(_, extension)| extension);
     let mut paths = Vec::new();
     files(&here.join("seeds").join(name), &mut paths);
@@ -110,5 +115,19 @@ fn seeds_and_mutations_are_survived() {
     }
     if !without_reader.is_empty() {
         eprintln!("no reader yet for: {}", without_reader.join(" "));
+    }
+}
+
+#[test]
+fn own_seeds_are_good_files() {
+    for target in TARGETS.iter().filter(|t| format_of(t).is_some()) {
+        let mut paths = Vec::new();
+        files(&here().join("seeds").join(target.name), &mut paths);
+        assert!(!paths.is_empty(), "no seed for `{}`", target.name);
+        for path in paths {
+            let bytes = std::fs::read(&path).expect("readable");
+            let num_loaded = read(target.name, &bytes);
+            assert!(num_loaded >= Some(1), "{}: {num_loaded:?}", path.display());
+        }
     }
 }

@@ -22,12 +22,23 @@ fn run_target(target: &str, seconds: u32) -> Result<(), Failure> {
     run_command(&mut command("cargo", &arguments))
 }
 
+/// Gives the fuzz crate, which is no member of the workspace, the workspace's versions.
+fn share_lock_file() -> Result<(), Failure> {
+    let lock = |folder: &str| workspace().join(folder).join("Cargo.lock");
+    let copied = std::fs::copy(lock("."), lock("fuzz"));
+    copied.map(drop).map_err(|source| Failure::Start {
+        command: "copy Cargo.lock to fuzz/".to_owned(),
+        source,
+    })
+}
+
 /// Fuzzes every target, or replays the seeds where fuzzing is impossible, and says so.
 pub fn run(seconds: u32) -> Result<(), Failure> {
     if !succeeds(command("cargo", &["+nightly", "fuzz", "--version"])) {
         eprintln!("xtask: no nightly or no cargo-fuzz here: replaying the seeds instead");
         return replay();
     }
+    share_lock_file()?;
     let mut targets: Vec<String> = std::fs::read_dir(workspace().join("fuzz/fuzz_targets"))
         .into_iter()
         .flatten()
@@ -45,6 +56,7 @@ pub fn run(seconds: u32) -> Result<(), Failure> {
 
 /// Feeds seeds and fixed mutations of them to every target, as a plain test.
 pub fn replay() -> Result<(), Failure> {
+    share_lock_file()?;
     let arguments = [
         "test",
         "--manifest-path",
