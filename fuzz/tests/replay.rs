@@ -71,7 +71,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut u64) {
             continue;
         }
         // Headers matter most: half of all places are near the start.
-        let reach = if next(random) % 2 == 0 {
+        let reach = if next(random).is_multiple_of(2) {
             bytes.len().min(512)
         } else {
             bytes.len()
