@@ -22,6 +22,11 @@ pub struct Grid {
 impl Grid {
     /// The finest grid whose [`GRID_STEPS`] steps span a box.
     pub fn new(lo: [f32; 3], hi: [f32; 3]) -> Self {
+        Self::with_steps(lo, hi, GRID_STEPS)
+    }
+
+    /// The finest grid that spans a box with so many steps, at least 2 and at most [`GRID_STEPS`].
+    pub fn with_steps(lo: [f32; 3], hi: [f32; 3], steps: u32) -> Self {
         let mut grid = Self {
             base: [0.0; 3],
             exponent: [0; 3],
@@ -29,13 +34,15 @@ impl Grid {
         for axis in 0..3 {
             let (lo, hi) = (f64::from(lo[axis]), f64::from(hi[axis]));
             // One step is lost to rounding the base down.
-            let step = (hi - lo) / f64::from(GRID_STEPS - 1);
+            let step = (hi - lo) / f64::from(steps - 1);
             let largest = lo.abs().max(hi.abs());
             let exponent = ceil_log2(step)
                 .max(ceil_log2(largest) - (f32::MANTISSA_DIGITS as i32 - 1))
                 .max(MIN_EXPONENT);
             grid.exponent[axis] = exponent;
-            grid.base[axis] = (lo * exp2(-exponent)).floor() * exp2(exponent);
+            // Never past the end of `f32`, which is a multiple of any step that large.
+            let base = (lo * exp2(-exponent)).floor() * exp2(exponent);
+            grid.base[axis] = base.max(f64::from(f32::MIN));
         }
         grid
     }

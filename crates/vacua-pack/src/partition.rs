@@ -149,7 +149,7 @@ impl Splitter<'_, '_> {
         if entries.len() > MAX_CELLS {
             return false;
         }
-        let most = 1u64 << self.index_bits;
+        let most = (1u64 << self.index_bits).min(u64::from(u32::MAX) - 1);
         let mut numbering = Numbering::new();
         let mut marker = 0;
         for entry in entries {
