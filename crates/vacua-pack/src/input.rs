@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
-use vacua_volume::{Cell, UnstructuredMesh};
+use vacua_volume::{CellType, Indices, MAX_CELL_POINTS, UnstructuredMesh};
 
 /// Work items of a parallel loop over points or cells.
 const CHUNK: usize = 1 << 14;
@@ -11,6 +11,7 @@ const CHUNK: usize = 1 << 14;
 /// A mesh and the origin to which its stored positions are relative.
 pub struct Input<'a> {
     mesh: &'a UnstructuredMesh,
+    indices: Indices<'a>,
     positions_f32: Option<&'a [f32]>,
     /// Added to stored positions gives the world.
     pub origin: [f64; 3],
@@ -37,6 +38,7 @@ impl<'a> Input<'a> {
         let positions_f32 = mesh.positions().as_slice::<f32>();
         let mut input = Self {
             mesh,
+            indices: mesh.indices(),
             positions_f32,
             origin: [0.0; 3],
             worst_rounding: 0.0,
@@ -100,10 +102,24 @@ impl<'a> Input<'a> {
         self.mesh
     }
 
-    /// A cell.
+    /// A cell's type and points.
     #[inline(always)]
-    pub fn cell(&self, cell: u64) -> Cell {
-        self.mesh.cell(cell as usize)
+    pub fn cell(&self, cell: u64) -> (CellType, Points) {
+        let cell = cell as usize;
+        let Some(cell_type) = self.mesh.uniform_type() else {
+            let cell = self.mesh.cell(cell);
+            let mut points = Points::default();
+            cell.points().iter().for_each(|&p| points.push(p));
+            return (cell.cell_type, points);
+        };
+        let width = cell_type.num_points();
+        let place = cell * width..(cell + 1) * width;
+        let mut points = Points::default();
+        match self.indices {
+            Indices::U32(all) => all[place].iter().for_each(|&p| points.push(u64::from(p))),
+            Indices::U64(all) => all[place].iter().for_each(|&p| points.push(p)),
+        }
+        (cell_type, points)
     }
 
     /// The middle of the box around a cell, halved, or why the cell is left out.
@@ -115,7 +131,7 @@ impl<'a> Input<'a> {
         let mut lo = [f32::INFINITY; 3];
         let mut hi = [f32::NEG_INFINITY; 3];
         let mut finite = true;
-        for &point in self.mesh.cell(cell).points() {
+        for &point in self.cell(cell as u64).1.as_slice() {
             let p = self.local(point);
             for axis in 0..3 {
                 finite &= p[axis].is_finite();
@@ -126,7 +142,32 @@ impl<'a> Input<'a> {
         if !finite {
             return Err(Unfit::NotFinite);
         }
-        Ok([0, 1, 2].map(|axis| 0.25 * lo[axis] + 0.25 * hi[axis]))
+        Ok([
+            0.25 * lo[0] + 0.25 * hi[0],
+            0.25 * lo[1] + 0.25 * hi[1],
+            0.25 * lo[2] + 0.25 * hi[2],
+        ])
+    }
+}
+
+/// The points of a cell.
+#[derive(Clone, Copy, Default)]
+pub struct Points {
+    all: [u64; MAX_CELL_POINTS],
+    len: usize,
+}
+
+impl Points {
+    #[inline(always)]
+    fn push(&mut self, point: u64) {
+        self.all[self.len] = point;
+        self.len += 1;
+    }
+
+    /// The points.
+    #[inline(always)]
+    pub fn as_slice(&self) -> &[u64] {
+        &self.all[..self.len]
     }
 }
 

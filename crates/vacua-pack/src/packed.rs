@@ -281,6 +281,16 @@ impl<'a> Submesh<'a> {
         }
     }
 
+    /// Positions of a cell's corners, relative to the origin; `None` if one is out of range.
+    #[inline(always)]
+    pub fn corner_positions(&self, cell: &PackedCell) -> Option<[[f32; 3]; 8]> {
+        let mut corners = [[0.0; 3]; 8];
+        for (position, &corner) in corners.iter_mut().zip(cell.corners()) {
+            *position = *self.positions.get(corner as usize)?;
+        }
+        Some(corners)
+    }
+
     /// What eight indices are: the number of markers at their end says so.
     #[inline(always)]
     fn other(&self, mut corners: [u32; 8]) -> (CellType, [u32; 8]) {

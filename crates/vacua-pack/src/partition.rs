@@ -153,10 +153,10 @@ impl Splitter<'_, '_> {
         let mut numbering = Numbering::new();
         let mut marker = 0;
         for entry in entries {
-            let cell = self.input.cell(entry.cell.to_u64());
-            let n = cell.points().len();
+            let (_, points) = self.input.cell(entry.cell.to_u64());
+            let n = points.as_slice().len();
             marker |= u64::from(n == 5 || n == 6);
-            for &point in cell.points() {
+            for &point in points.as_slice() {
                 numbering.number(point);
             }
             if numbering.points().len() as u64 + marker > most {

@@ -87,10 +87,10 @@ impl Gathered {
             corners: Vec::with_capacity(cells.len() * 4),
         };
         for &cell in cells {
-            let cell = input.cell(cell);
-            gathered.types.push(cell.cell_type);
+            let (cell_type, points) = input.cell(cell);
+            gathered.types.push(cell_type);
             gathered.starts.push(gathered.corners.len() as u32);
-            let corners = cell.points().iter().map(|&p| numbering.number(p));
+            let corners = points.as_slice().iter().map(|&p| numbering.number(p));
             gathered.corners.extend(corners);
         }
         gathered.starts.push(gathered.corners.len() as u32);
