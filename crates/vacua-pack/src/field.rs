@@ -212,15 +212,16 @@ impl PackedField {
             Association::Point => {
                 let mut values = [0.0; 8];
                 for (value, &corner) in values.iter_mut().zip(cell.corners()) {
-                    *value = read(header.first_vertex + u64::from(corner))?;
+                    *value = read(header.first_vertex.checked_add(u64::from(corner))?)?;
                 }
                 interpolate(&location.weights, &values[..cell.corners().len()])
             }
             Association::Cell => {
-                let place = usize::try_from(header.first_node + u64::from(location.node)).ok()?;
+                let node = header.first_node.checked_add(u64::from(location.node))?;
+                let place = usize::try_from(node).ok()?;
                 let before = *self.cells_before.as_ref()?.as_slice().get(place)?;
                 let cell = u64::from(before) + u64::from(location.cell_in_node);
-                read(header.first_cell + cell).filter(|v| v.is_finite())
+                read(header.first_cell.checked_add(cell)?).filter(|v| v.is_finite())
             }
         }
     }
@@ -277,7 +278,9 @@ fn count_cells_before(mesh: &PackedMesh) -> Vec<u32> {
         let first = submesh.header.first_node as usize;
         let mut count = 0;
         for node in 0..submesh.header.num_nodes {
-            before[first + node as usize] = count;
+            if let Some(before) = before.get_mut(first + node as usize) {
+                *before = count;
+            }
             submesh.cells_of_node(node, |_, _, _| count += 1);
         }
     }
@@ -320,7 +323,7 @@ fn submesh_ranges<T: Scalar>(
 ) -> (Option<ValueRange>, Vec<[[u8; 2]; WIDTH]>) {
     let header = submesh.header;
     let at = |place: u64| {
-        let v = values[place as usize].to_f64();
+        let v = values.get(usize::try_from(place).ok()?)?.to_f64();
         v.is_finite().then_some(ValueRange { lo: v, hi: v })
     };
     let mut exact: Vec<[Option<ValueRange>; WIDTH]> =

@@ -6,6 +6,7 @@ mod collapse;
 mod element;
 mod encode;
 mod field;
+pub mod file;
 mod grid;
 mod ids;
 mod indices;
