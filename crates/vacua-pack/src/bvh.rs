@@ -2,7 +2,8 @@
 //!
 //! Source: paper B, §5.7. A traversal step costs as much as [`TRAVERSAL_COST`] primitives. A node
 //! becomes a leaf when no split is cheaper *and* whoever builds can encode such a leaf; otherwise it
-//! is split all the same. Sixteen bins an axis for many primitives, every place for few.
+//! is split all the same. Sixteen bins an axis for many primitives (a sample of them for very many),
+//! every place for few.
 //! Deterministic: the result depends on the primitives and their order alone.
 
 /// What a traversal step costs, in primitives.
@@ -12,6 +13,8 @@ pub const TRAVERSAL_COST: f32 = 2.0;
 const MAX_SAH_DEPTH: usize = 48;
 /// Bins an axis.
 const BINS: usize = 16;
+/// Of more primitives than this only every second, third … is binned, at least so many of them.
+const MIN_SAMPLES: usize = 4096;
 /// Up to so many primitives every place to split is tried.
 const MAX_SWEEP: usize = 32;
 
@@ -260,7 +263,7 @@ fn binned(prims: &mut [Prim], bounds: &Box4, centers: &Box4) -> (f32, usize) {
         (((p.center()[axis] - base[axis]) * scale[axis]) as usize).min(BINS - 1)
     };
     let mut bins = [[(Box4::EMPTY, 0u32); BINS]; 3];
-    for p in prims.iter() {
+    for p in prims.iter().step_by((n / MIN_SAMPLES).max(1)) {
         for (axis, bins) in bins.iter_mut().enumerate() {
             let bin = &mut bins[bin_of(p, axis)];
             bin.0 = bin.0.union(p.bounds());
