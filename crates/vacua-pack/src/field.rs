@@ -361,7 +361,7 @@ fn submesh_ranges<T: Scalar>(
         for k in 0..WIDTH {
             if node.child(k) == Child::Inner {
                 let below = exact.get(next as usize);
-                let below = below.map_or(None, |b| b.iter().copied().fold(None, join));
+                let below = below.and_then(|b| b.iter().copied().fold(None, join));
                 exact[number as usize][k] = below;
                 next += 1;
             }

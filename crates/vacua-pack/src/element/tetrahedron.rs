@@ -29,7 +29,7 @@ pub fn weights([a, b, c, d]: [Vec3; 4]) -> Option<Weights> {
     let whole: f64 = volumes.iter().map(|v| v.0).sum();
     let rounding: f64 = volumes.iter().map(|v| v.1).sum();
     // Flat, as far as can be told, or not finite; an inverted one is as good as any.
-    if !(whole.abs() > rounding) {
+    if whole.abs() <= rounding || !whole.is_finite() {
         return None;
     }
     let sign = whole.signum();
