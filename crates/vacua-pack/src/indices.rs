@@ -32,12 +32,12 @@ pub struct IndexList<'a> {
 }
 
 impl<'a> IndexList<'a> {
-    /// Bytes that [`pack`] wrote and [`PADDING`] more.
+    /// Packed indices, lowest bits first, and eight bytes more.
     pub fn new(bytes: &'a [u8], bits: u32) -> Self {
         Self { bytes, bits }
     }
 
-    /// The list from an index on that is a multiple of [`ALIGNMENT`]; empty if it is past the end.
+    /// The list from an index on that is a multiple of 8; empty if it is past the end.
     pub fn from(self, first: u64) -> Self {
         let byte = (first / ALIGNMENT).checked_mul(u64::from(self.bits));
         let bytes = byte

@@ -15,7 +15,7 @@
 //!                                │  hi    │  lo    │                         │oth│pairs │tet│
 //! ```
 //!
-//! `lo` and `hi` are steps of the sub-mesh's [`Grid`](crate::Grid). A child's box divides `lo..hi`
+//! `lo` and `hi` are steps of the sub-mesh's [`Grid`]. A child's box divides `lo..hi`
 //! into sixteen along each axis: with `w = hi − lo`, it spans `16·lo + w·child_lo` to
 //! `16·lo + w·(child_hi + 1)` in sixteenths of a step, all of it exact in 20-bit integers.
 //!

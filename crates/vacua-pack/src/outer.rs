@@ -3,15 +3,6 @@
 //! Source: paper B, §5.5, where this tree is an OptiX BVH. Deviation: here it is our own, eight
 //! children wide, their boxes quantised to 8 bits an axis within the node, and its bytes are counted.
 //! Deviation: in variant 2 the paper leaves the tree over sub-meshes open; it is this one too.
-//!
-//! ```text
-//! byte  0  base        3 × f32   corner of the node's grid, relative to the mesh's origin
-//!      12  exponent    3 × i8    a step is 2 to this
-//!      15  num_children    u8
-//!      16  child       8 × u32   bit 31 set: an item; clear: a node, larger than its parent
-//!      48  lo      3 × 8 × u8    a child's box in steps, axis by axis
-//!      72  hi      3 × 8 × u8
-//! ```
 
 use bytemuck::{Pod, Zeroable};
 
@@ -27,7 +18,16 @@ pub const MAX_ITEMS: usize = ITEM as usize;
 /// Steps of a node's grid.
 const STEPS: u32 = u8::MAX as u32;
 
-/// A node of the outer tree, 96 bytes. See the [module](self).
+/// A node of the outer tree, 96 bytes.
+///
+/// ```text
+/// byte  0  base        3 × f32   corner of the node's grid, relative to the mesh's origin
+///      12  exponent    3 × i8    a step is 2 to this
+///      15  num_children    u8
+///      16  child       8 × u32   bit 31 set: an item; clear: a node, larger than its parent
+///      48  lo      3 × 8 × u8    a child's box in steps, axis by axis
+///      72  hi      3 × 8 × u8
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct OuterNode {
