@@ -1,6 +1,7 @@
 //! A binary bounding volume hierarchy by the surface area heuristic: what multi-nodes are made of.
 //!
-//! Source: paper B, §5.7. A traversal step costs as much as [`TRAVERSAL_COST`] primitives. A node
+//! Source: paper B, §5.7. A traversal step costs as much as [`TRAVERSAL_COST`] primitives, of which a
+//! pair of tetrahedra is one ([`LeafMaker::primitive_cost`]). A node
 //! becomes a leaf when no split is cheaper *and* whoever builds can encode such a leaf; otherwise it
 //! is split all the same. Sixteen bins an axis for many primitives (a sample of them for very many),
 //! every place for few.
@@ -143,6 +144,10 @@ pub struct BinaryNode {
 pub trait LeafMaker {
     /// No leaf has more primitives.
     const MAX_PRIMS: usize;
+    /// What testing one costs on average, in the units of [`TRAVERSAL_COST`].
+    fn primitive_cost(&self) -> f32 {
+        1.0
+    }
     /// Makes a leaf of these primitives and returns its number, or `None` if it cannot. Must succeed
     /// for one primitive.
     fn leaf(&mut self, prims: &[Prim]) -> Option<u32>;
@@ -179,8 +184,9 @@ impl<M: LeafMaker> Builder<'_, M> {
             n if n <= MAX_SWEEP => Some(sweep(prims, &bounds)),
             _ => Some(binned(prims, &bounds, &centers)),
         };
-        let leaf_cost = prims.len() as f32;
-        let wants_leaf = split.is_none_or(|(cost, _)| cost >= leaf_cost);
+        let leaf_primitives = prims.len() as f32;
+        let step = TRAVERSAL_COST / self.maker.primitive_cost();
+        let wants_leaf = split.is_none_or(|(after, _)| step + after >= leaf_primitives);
         if wants_leaf
             && prims.len() <= M::MAX_PRIMS
             && let Some(leaf) = self.maker.leaf(prims)
@@ -200,15 +206,16 @@ impl<M: LeafMaker> Builder<'_, M> {
     }
 }
 
-/// Cost of a split into boxes of these areas and counts, by the parent's area. A flat parent
-/// (area 0) is never worth splitting.
+/// Primitives still to be tested after a split into boxes of these areas and counts, on average. A
+/// flat parent (area 0) is never worth splitting.
 #[inline(always)]
-fn split_cost(weighted_areas: f32, parent_area: f32) -> f32 {
-    let cost = TRAVERSAL_COST + weighted_areas / parent_area;
-    if cost.is_nan() { f32::INFINITY } else { cost }
+fn tests_after_split(weighted_areas: f32, parent_area: f32) -> f32 {
+    let tests = weighted_areas / parent_area;
+    if tests.is_nan() { f32::INFINITY } else { tests }
 }
 
-/// Orders the primitives along the best axis and gives the cost and place of the best split.
+/// Orders the primitives along the best axis and gives the tests left after the best split,
+/// and its place.
 fn sweep(prims: &mut [Prim], bounds: &Box4) -> (f32, usize) {
     let n = prims.len();
     let mut best = (f32::INFINITY, n / 2, 0);
@@ -240,7 +247,7 @@ fn sweep(prims: &mut [Prim], bounds: &Box4) -> (f32, usize) {
         *to = prims[(key & 0xFFFF_FFFF) as usize];
     }
     prims.copy_from_slice(&sorted[..n]);
-    (split_cost(best.0, bounds.half_area()), best.1)
+    (tests_after_split(best.0, bounds.half_area()), best.1)
 }
 
 /// Bits that order as the numbers do.
@@ -250,7 +257,8 @@ fn sortable(value: f32) -> u32 {
     bits ^ ((bits as i32 >> 31) as u32 | 0x8000_0000)
 }
 
-/// Partitions the primitives by the best of the planes between bins; gives its cost and place.
+/// Partitions the primitives by the best of the planes between bins; gives the tests left
+/// after it, and its place.
 fn binned(prims: &mut [Prim], bounds: &Box4, centers: &Box4) -> (f32, usize) {
     let n = prims.len();
     // A factor that keeps the largest centre in the last bin.
@@ -304,7 +312,7 @@ fn binned(prims: &mut [Prim], bounds: &Box4, centers: &Box4) -> (f32, usize) {
         return (f32::INFINITY, n / 2);
     }
     let middle = partition(prims, |p| bin_of(p, axis) < plane);
-    (split_cost(weighted, bounds.half_area()), middle)
+    (tests_after_split(weighted, bounds.half_area()), middle)
 }
 
 /// Moves those for which `is_left` holds to the front and returns their number.
