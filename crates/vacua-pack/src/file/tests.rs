@@ -1,4 +1,5 @@
 use std::path::Path;
+use std::sync::OnceLock;
 
 use super::*;
 use crate::{EncodeOptions, Encoded, PackedField, Variant, encode};
@@ -39,6 +40,12 @@ fn written(variant: Variant) -> Vec<u8> {
     let path = folder.path().join("example.vacua");
     write_file(&path, &encoded.mesh, &fields).expect("writable");
     std::fs::read(&path).expect("readable")
+}
+
+fn written_once(variant: Variant) -> Vec<u8> {
+    static FILES: [OnceLock<Vec<u8>>; 2] = [OnceLock::new(), OnceLock::new()];
+    let file = &FILES[usize::from(variant == Variant::MultiNodes)];
+    file.get_or_init(|| written(variant)).clone()
 }
 
 fn open(bytes: Vec<u8>) -> Result<PackedFile, IoError> {
@@ -150,7 +157,7 @@ proptest! {
         flip in 1u8..,
         cut in any::<prop::sample::Index>(),
     ) {
-        let good = written(variant);
+        let good = written_once(variant);
         prop_assert_eq!(use_all(good.clone()).expect("intact"), 300);
         let mut bad = good.clone();
         let place = place.index(bad.len());
@@ -169,7 +176,7 @@ proptest! {
         variant in prop::sample::select(vec![Variant::MultiLeaves, Variant::MultiNodes]),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..40),
     ) {
-        let mut bytes = written(variant);
+        let mut bytes = written_once(variant);
         let end = bytes.len() - 1024;
         for (place, byte) in changes {
             let place = 1024 + place.index(end);
