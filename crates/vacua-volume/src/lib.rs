@@ -11,6 +11,7 @@ mod array;
 mod dataset;
 mod field;
 mod grid;
+mod mesh;
 mod range;
 mod scalar;
 mod transfer;
@@ -19,6 +20,7 @@ pub use array::{ArrayError, ByteStore, DataArray};
 pub use dataset::{CellMask, ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
 pub use field::{Association, Field, FieldError, LoadError};
 pub use grid::{Bounds, CurvilinearGrid, Geometry, GridError, RectilinearGrid, UniformGrid};
+pub use mesh::{Cell, CellType, Indices, MAX_CELL_POINTS, MeshError, UnstructuredMesh};
 pub use range::{ValueMap, ValueRange};
 pub use scalar::{Scalar, ScalarType, UnknownScalarType};
 pub use transfer::{

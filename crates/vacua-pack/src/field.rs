@@ -1,0 +1,400 @@
+//! Fields on a packed mesh: values in packed order in their native type, and conservative ranges of
+//! sub-meshes, nodes and leaves, kept apart from the geometry.
+//!
+//! Source: paper B, §5.8.
+//! Deviation: ranges are quantised, outward, to 8 bits within the sub-mesh's; a node's own range is
+//! the union of its children's and not stored again.
+//!
+//! ```text
+//! a sub-mesh's range:  lo f64, hi f64; lo > hi without any finite value
+//! a node's ranges:     8 × (lo u8, hi u8), by child, leaf or inner; lo > hi where there is none
+//! ```
+
+use rayon::prelude::*;
+use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
+
+use crate::element::interpolate;
+use crate::encode::PackMap;
+use crate::layout::{Child, WIDTH};
+use crate::locate::Location;
+use crate::packed::{PackedMesh, Submesh};
+use crate::section::Flat;
+
+/// A child without any finite value: no range.
+const NO_RANGE: [u8; 2] = [u8::MAX, 0];
+/// Steps of a sub-mesh's range.
+const STEPS: f64 = u8::MAX as f64;
+
+/// Why values do not make a field of a packed mesh.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+pub enum PackFieldError {
+    /// More than one component.
+    #[error("field `{name}` has {components} components, a packed field has one")]
+    Components {
+        /// Name of the field.
+        name: String,
+        /// Its components.
+        components: usize,
+    },
+    /// Fewer values than the mesh's points or cells reach.
+    #[error("field `{name}` has {actual} values, the mesh's {association}s need number {needed}")]
+    TooShort {
+        /// Name of the field.
+        name: String,
+        /// Points or cells.
+        association: Association,
+        /// Values given.
+        actual: usize,
+        /// The number of a point or cell that has none.
+        needed: u64,
+    },
+    /// A map of another mesh.
+    #[error("the map is of {actual} {association}s, the packed mesh has {expected}")]
+    MapLength {
+        /// Points or cells.
+        association: Association,
+        /// Length of the map.
+        actual: usize,
+        /// Vertices or cells of the packed mesh.
+        expected: u64,
+    },
+}
+
+/// A scalar field in packed order. Clones share the values.
+#[derive(Clone)]
+pub struct PackedField {
+    pub(crate) name: String,
+    pub(crate) association: Association,
+    pub(crate) values: DataArray,
+    pub(crate) submesh_ranges: Flat<[f64; 2]>,
+    pub(crate) node_ranges: Flat<[[u8; 2]; WIDTH]>,
+    /// Cells of the sub-mesh before each node; fields on cells only.
+    pub(crate) cells_before: Option<Flat<u32>>,
+}
+
+/// Bytes of every part of a packed field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct FieldBytes {
+    /// Values.
+    pub values: usize,
+    /// Ranges of sub-meshes and nodes.
+    pub ranges: usize,
+    /// Where nodes' cells start, for fields on cells.
+    pub cells_before: usize,
+}
+
+impl PackedField {
+    /// Brings values of the original mesh into packed order and finds their ranges.
+    ///
+    /// # Errors
+    /// [`PackFieldError`] if values or map do not fit the mesh.
+    pub fn pack(
+        mesh: &PackedMesh,
+        map: &PackMap,
+        name: &str,
+        association: Association,
+        values: &DataArray,
+    ) -> Result<Self, PackFieldError> {
+        if values.components() != 1 {
+            return Err(PackFieldError::Components {
+                name: name.to_owned(),
+                components: values.components(),
+            });
+        }
+        let (ids, expected) = match association {
+            Association::Point => (&map.points, mesh.num_vertices() as u64),
+            Association::Cell => (&map.cells, mesh.num_cells()),
+        };
+        if ids.len() as u64 != expected {
+            return Err(PackFieldError::MapLength {
+                association,
+                actual: ids.len(),
+                expected,
+            });
+        }
+        let needed = (0..ids.len()).into_par_iter().map(|i| ids.get(i)).max();
+        if let Some(needed) = needed.filter(|&n| n >= values.tuples() as u64) {
+            return Err(PackFieldError::TooShort {
+                name: name.to_owned(),
+                association,
+                actual: values.tuples(),
+                needed,
+            });
+        }
+        let packed = dispatch_scalar!(values.scalar_type(), T => {
+            let all: &[T] = bytemuck::cast_slice(values.bytes());
+            let packed: Vec<T> =
+                (0..ids.len()).into_par_iter().map(|i| all[ids.get(i) as usize]).collect();
+            DataArray::from_vec(packed, 1)
+        });
+        let packed = packed.unwrap_or_else(|_| values.clone());
+        let cells_before =
+            (association == Association::Cell).then(|| Flat::from_vec(count_cells_before(mesh)));
+        let (submesh_ranges, node_ranges) = find_ranges(mesh, association, &packed);
+        Ok(Self {
+            name: name.to_owned(),
+            association,
+            values: packed,
+            submesh_ranges: Flat::from_vec(submesh_ranges),
+            node_ranges: Flat::from_vec(node_ranges),
+            cells_before,
+        })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// On points or on cells.
+    pub fn association(&self) -> Association {
+        self.association
+    }
+
+    /// Values in packed order.
+    pub fn values(&self) -> &DataArray {
+        &self.values
+    }
+
+    /// Bytes of every part.
+    pub fn bytes(&self) -> FieldBytes {
+        FieldBytes {
+            values: self.values.bytes().len(),
+            ranges: self.submesh_ranges.num_bytes() + self.node_ranges.num_bytes(),
+            cells_before: self.cells_before.as_ref().map_or(0, Flat::num_bytes),
+        }
+    }
+
+    /// The range of a sub-mesh's finite values; `None` without any.
+    pub fn submesh_range(&self, submesh: usize) -> Option<ValueRange> {
+        let &[lo, hi] = self.submesh_ranges.as_slice().get(submesh)?;
+        (lo <= hi).then_some(ValueRange { lo, hi })
+    }
+
+    /// A range that contains all that interpolation gives in a child of a node; `None` if that is
+    /// nothing.
+    pub fn child_range(
+        &self,
+        mesh: &PackedMesh,
+        submesh: usize,
+        node: u32,
+        child: usize,
+    ) -> Option<ValueRange> {
+        let whole = self.submesh_range(submesh)?;
+        let slots = self.slots(mesh, submesh, node)?;
+        decode_range(whole, *slots.get(child)?)
+    }
+
+    /// As [`Self::child_range`] for all children of a node together.
+    pub fn node_range(&self, mesh: &PackedMesh, submesh: usize, node: u32) -> Option<ValueRange> {
+        let whole = self.submesh_range(submesh)?;
+        let slots = self.slots(mesh, submesh, node)?;
+        decode_range(whole, union(slots))
+    }
+
+    fn slots(&self, mesh: &PackedMesh, submesh: usize, node: u32) -> Option<&[[u8; 2]; WIDTH]> {
+        let header = mesh.submeshes().get(submesh)?;
+        let place = header.first_node.checked_add(u64::from(node))?;
+        self.node_ranges
+            .as_slice()
+            .get(usize::try_from(place).ok()?)
+    }
+
+    /// The value at a location; `None` if a value of the cell is no finite number.
+    pub fn value_at(&self, mesh: &PackedMesh, location: &Location) -> Option<f64> {
+        let cell = &location.cell;
+        let header = mesh.submeshes().get(cell.submesh as usize)?;
+        let read = |place: u64| {
+            let place = usize::try_from(place).ok()?;
+            (place < self.values.tuples()).then(|| self.values.get_f64(place, 0))
+        };
+        match self.association {
+            Association::Point => {
+                let mut values = [0.0; 8];
+                for (value, &corner) in values.iter_mut().zip(cell.corners()) {
+                    *value = read(header.first_vertex.checked_add(u64::from(corner))?)?;
+                }
+                interpolate(&location.weights, &values[..cell.corners().len()])
+            }
+            Association::Cell => {
+                let node = header.first_node.checked_add(u64::from(location.node))?;
+                let place = usize::try_from(node).ok()?;
+                let before = *self.cells_before.as_ref()?.as_slice().get(place)?;
+                let cell = u64::from(before) + u64::from(location.cell_in_node);
+                read(header.first_cell.checked_add(cell)?).filter(|v| v.is_finite())
+            }
+        }
+    }
+}
+
+/// The smallest slot that contains all of them.
+fn union(slots: &[[u8; 2]; WIDTH]) -> [u8; 2] {
+    let all = slots.iter();
+    all.fold(NO_RANGE, |a, b| [a[0].min(b[0]), a[1].max(b[1])])
+}
+
+fn decode_step(whole: ValueRange, step: u8) -> f64 {
+    match step {
+        0 => whole.lo,
+        u8::MAX => whole.hi,
+        _ => {
+            let t = f64::from(step) / STEPS;
+            (whole.lo * (1.0 - t) + whole.hi * t).clamp(whole.lo, whole.hi)
+        }
+    }
+}
+
+fn decode_range(whole: ValueRange, [lo, hi]: [u8; 2]) -> Option<ValueRange> {
+    (lo <= hi).then(|| ValueRange {
+        lo: decode_step(whole, lo),
+        hi: decode_step(whole, hi),
+    })
+}
+
+/// The smallest slot whose decoded range contains a range within the whole.
+fn encode_range(whole: ValueRange, range: Option<ValueRange>) -> [u8; 2] {
+    let Some(range) = range else {
+        return NO_RANGE;
+    };
+    // A guess; what is decoded decides.
+    let guess = |v: f64| {
+        let t = (0.5 * v - 0.5 * whole.lo) / (0.5 * whole.hi - 0.5 * whole.lo);
+        (t * STEPS) as u8
+    };
+    let (mut lo, mut hi) = (guess(range.lo), guess(range.hi));
+    while lo > 0 && decode_step(whole, lo) > range.lo {
+        lo -= 1;
+    }
+    while hi < u8::MAX && decode_step(whole, hi) < range.hi {
+        hi += 1;
+    }
+    [lo, hi]
+}
+
+/// For every node the number of cells of its sub-mesh in nodes before it.
+fn count_cells_before(mesh: &PackedMesh) -> Vec<u32> {
+    let mut before = vec![0; mesh.nodes().len()];
+    for submesh in (0..mesh.submeshes().len()).filter_map(|s| mesh.submesh(s)) {
+        let first = submesh.header.first_node as usize;
+        let mut count = 0;
+        for node in 0..submesh.header.num_nodes {
+            if let Some(before) = before.get_mut(first + node as usize) {
+                *before = count;
+            }
+            submesh.cells_of_node(node, |_, _, _| count += 1);
+        }
+    }
+    before
+}
+
+type Ranges = (Vec<[f64; 2]>, Vec<[[u8; 2]; WIDTH]>);
+
+fn find_ranges(mesh: &PackedMesh, association: Association, values: &DataArray) -> Ranges {
+    let found: Vec<(Option<ValueRange>, Vec<[[u8; 2]; WIDTH]>)> = (0..mesh.submeshes().len())
+        .into_par_iter()
+        .map(|s| match mesh.submesh(s) {
+            None => (None, Vec::new()),
+            Some(submesh) => dispatch_scalar!(values.scalar_type(), T => {
+                submesh_ranges::<T>(&submesh, association, bytemuck::cast_slice(values.bytes()))
+            }),
+        })
+        .collect();
+    let mut submeshes = Vec::with_capacity(found.len());
+    let mut nodes = Vec::with_capacity(mesh.nodes().len());
+    for (range, slots) in found {
+        submeshes.push(range.map_or([f64::INFINITY, f64::NEG_INFINITY], |r| [r.lo, r.hi]));
+        nodes.extend(slots);
+    }
+    (submeshes, nodes)
+}
+
+fn join(a: Option<ValueRange>, b: Option<ValueRange>) -> Option<ValueRange> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.union(b)),
+        (a, b) => a.or(b),
+    }
+}
+
+/// The exact range of a sub-mesh and the slots of its nodes.
+fn submesh_ranges<T: Scalar>(
+    submesh: &Submesh,
+    association: Association,
+    values: &[T],
+) -> (Option<ValueRange>, Vec<[[u8; 2]; WIDTH]>) {
+    let header = submesh.header;
+    let at = |place: u64| {
+        let v = values.get(usize::try_from(place).ok()?)?.to_f64();
+        v.is_finite().then_some(ValueRange { lo: v, hi: v })
+    };
+    let mut exact: Vec<[Option<ValueRange>; WIDTH]> =
+        vec![[None; WIDTH]; header.num_nodes as usize];
+    let mut cell_place = header.first_cell;
+    for number in 0..header.num_nodes {
+        let Some((node, _)) = submesh.node(number) else {
+            continue;
+        };
+        let mut first_index = u64::from(node.first_index);
+        for k in 0..WIDTH {
+            let Child::Leaf(counts) = node.child(k) else {
+                continue;
+            };
+            let slot = &mut exact[number as usize][k];
+            submesh.cells_of_leaf(first_index, counts, |_, cell_type, corners| {
+                match association {
+                    Association::Point => {
+                        for &corner in &corners[..cell_type.num_points()] {
+                            *slot = join(*slot, at(header.first_vertex + u64::from(corner)));
+                        }
+                    }
+                    Association::Cell => *slot = join(*slot, at(cell_place)),
+                }
+                cell_place += 1;
+            });
+            first_index += counts.num_indices() as u64;
+        }
+    }
+    // Children come after their parents: from the last node up.
+    for number in (0..header.num_nodes).rev() {
+        let Some((node, mut next)) = submesh.node(number) else {
+            continue;
+        };
+        for k in 0..WIDTH {
+            if node.child(k) == Child::Inner {
+                let below = exact.get(next as usize);
+                let below = below.and_then(|b| b.iter().copied().fold(None, join));
+                exact[number as usize][k] = below;
+                next += 1;
+            }
+        }
+    }
+    let whole = exact.iter().flatten().copied().fold(None, join);
+    let slots = exact
+        .iter()
+        .map(|node| node.map(|range| whole.map_or(NO_RANGE, |whole| encode_range(whole, range))));
+    (whole, slots.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn slots_contain_their_ranges(
+            ends in prop::array::uniform4(prop_oneof![-1.0f64..1.0, -1e-30f64..1e-30, -1e308f64..1e308]),
+        ) {
+            let mut e = ends;
+            e.sort_by(f64::total_cmp);
+            let whole = ValueRange { lo: e[0], hi: e[3] };
+            let range = ValueRange { lo: e[1], hi: e[2] };
+            let slot = encode_range(whole, Some(range));
+            let back = decode_range(whole, slot).expect("a range");
+            prop_assert!(back.lo <= range.lo && range.hi <= back.hi);
+            prop_assert!(whole.lo <= back.lo && back.hi <= whole.hi);
+            prop_assert_eq!(decode_range(whole, encode_range(whole, None)), None);
+            let exact = ValueRange { lo: e[0], hi: e[0] };
+            prop_assert_eq!(decode_range(exact, encode_range(exact, Some(exact))), Some(exact));
+        }
+    }
+}

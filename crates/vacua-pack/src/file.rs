@@ -1,0 +1,134 @@
+//! The `.vacua` file: a packed mesh and fields on it, as they lie in memory.
+//!
+//! Everything is little-endian. A header, a table of sections, sections at multiples of 64 bytes:
+//! flat arrays that are used where they are mapped. Checksums are XXH3-64.
+//!
+//! ```text
+//! byte   0  magic            8 bytes  89 56 41 43 55 41 0D 0A   "\x89VACUA\r\n"
+//!        8  major            u16      a reader refuses a larger one
+//!       10  minor            u16      a reader may ignore a larger one
+//!       12  num_sections     u32
+//!       16  file_length      u64      bytes
+//!       24  table_checksum   u64      of the table
+//!       32  variant          u32      1 or 2
+//!       36  index_bits       u32      8 to 32
+//!       40  reserved         16 bytes zero
+//!       56  header_checksum  u64      of bytes 0 to 56
+//!       64  table            num_sections × 64 bytes
+//!
+//! a section in the table:
+//! byte   0  kind             u32      see below
+//!        4  field            u32      which field it belongs to; 0xFFFFFFFF for the mesh
+//!        8  offset           u64      from the start of the file, a multiple of 64
+//!       16  length           u64      bytes
+//!       24  checksum         u64      of the section
+//!       32  detail           u32      values: number type, in the order u8 i8 u16 … f32 f64;
+//!                                     name: 0 for a field on points, 1 on cells
+//!       36  reserved         28 bytes zero
+//!
+//! kind   1  sub-mesh headers     176 bytes each      16  name of a field, UTF-8
+//!        2  multi-leaves          48                  17  values
+//!        3  multi-nodes           52                  18  ranges of sub-meshes, 16 bytes each
+//!        4  outer nodes           96                  19  ranges of nodes, 16 bytes each
+//!        5  positions             12                  20  cells before a node, u32 each
+//!        6  indices, 8 zero bytes at the end
+//! ```
+//!
+//! Sections of kinds that a reader does not know it leaves alone. Opening checks the header and the
+//! table, reading the mesh or a field checks its sections.
+
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use bytemuck::{Pod, Zeroable};
+
+pub use read::{FieldEntry, PackedFile};
+pub use write::write_file;
+
+const MAGIC: [u8; 8] = *b"\x89VACUA\r\n";
+/// Layouts that this version reads, and writes.
+const MAJOR: u16 = 1;
+const MINOR: u16 = 0;
+/// Where sections may start.
+const ALIGNMENT: u64 = 64;
+/// The field of sections that belong to the mesh.
+const NO_FIELD: u32 = u32::MAX;
+
+const SUBMESHES: u32 = 1;
+const MULTI_LEAVES: u32 = 2;
+const MULTI_NODES: u32 = 3;
+const OUTER: u32 = 4;
+const POSITIONS: u32 = 5;
+const INDICES: u32 = 6;
+const NAME: u32 = 16;
+const VALUES: u32 = 17;
+const SUBMESH_RANGES: u32 = 18;
+const NODE_RANGES: u32 = 19;
+const CELLS_BEFORE: u32 = 20;
+
+fn kind_name(kind: u32) -> &'static str {
+    match kind {
+        SUBMESHES => "sub-mesh headers",
+        MULTI_LEAVES => "multi-leaves",
+        MULTI_NODES => "multi-nodes",
+        OUTER => "outer nodes",
+        POSITIONS => "positions",
+        INDICES => "indices",
+        NAME => "field name",
+        VALUES => "values",
+        SUBMESH_RANGES => "ranges of sub-meshes",
+        NODE_RANGES => "ranges of nodes",
+        CELLS_BEFORE => "cells before nodes",
+        _ => "a section of unknown kind",
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+struct Header {
+    magic: [u8; 8],
+    major: u16,
+    minor: u16,
+    num_sections: u32,
+    file_length: u64,
+    table_checksum: u64,
+    variant: u32,
+    index_bits: u32,
+    reserved: [u64; 2],
+    header_checksum: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+struct Entry {
+    kind: u32,
+    field: u32,
+    offset: u64,
+    length: u64,
+    checksum: u64,
+    detail: u32,
+    reserved: [u32; 7],
+}
+
+const _: () = {
+    assert!(size_of::<Header>() == 64);
+    assert!(std::mem::offset_of!(Header, header_checksum) == 56);
+    assert!(size_of::<Entry>() == 64);
+    assert!(
+        cfg!(target_endian = "little"),
+        "arrays are used as they lie in the file"
+    );
+};
+
+impl Header {
+    fn checksum(&self) -> u64 {
+        let bytes = bytemuck::bytes_of(self);
+        checksum(&bytes[..std::mem::offset_of!(Header, header_checksum)])
+    }
+}
+
+fn checksum(bytes: &[u8]) -> u64 {
+    twox_hash::XxHash3_64::oneshot(bytes)
+}

@@ -1,0 +1,200 @@
+//! Numbers of cells and points of the input, in 32 bits where they fit.
+
+use std::fmt::Debug;
+
+/// A number of a cell or point.
+pub trait Id: Copy + Send + Sync + Debug {
+    /// The number that fits by the caller's check.
+    fn from_u64(value: u64) -> Self;
+    /// The number.
+    fn to_u64(self) -> u64;
+}
+
+impl Id for u32 {
+    fn from_u64(value: u64) -> Self {
+        value as u32
+    }
+    fn to_u64(self) -> u64 {
+        u64::from(self)
+    }
+}
+
+impl Id for u64 {
+    fn from_u64(value: u64) -> Self {
+        value
+    }
+    fn to_u64(self) -> u64 {
+        self
+    }
+}
+
+/// A list of such numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ids {
+    /// All below 2^32.
+    Narrow(Vec<u32>),
+    /// Any.
+    Wide(Vec<u64>),
+}
+
+impl Ids {
+    /// An empty list for numbers below `limit`.
+    pub fn below(limit: u64, capacity: usize) -> Self {
+        if limit <= 1 << 32 {
+            Self::Narrow(Vec::with_capacity(capacity))
+        } else {
+            Self::Wide(Vec::with_capacity(capacity))
+        }
+    }
+
+    /// Appends a number, which must be below the limit the list was made for.
+    #[inline(always)]
+    pub fn push(&mut self, id: u64) {
+        match self {
+            Self::Narrow(all) => all.push(id as u32),
+            Self::Wide(all) => all.push(id),
+        }
+    }
+
+    /// Appends another list of the same kind.
+    pub fn append(&mut self, other: &Self) {
+        match (self, other) {
+            (Self::Narrow(all), Self::Narrow(more)) => all.extend_from_slice(more),
+            (all, more) => (0..more.len()).for_each(|i| all.push(more.get(i))),
+        }
+    }
+
+    /// One number.
+    ///
+    /// # Panics
+    /// If `place` is past the end.
+    #[inline(always)]
+    pub fn get(&self, place: usize) -> u64 {
+        match self {
+            Self::Narrow(all) => u64::from(all[place]),
+            Self::Wide(all) => all[place],
+        }
+    }
+
+    /// Length of the list.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Narrow(all) => all.len(),
+            Self::Wide(all) => all.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Bytes in memory.
+    pub fn num_bytes(&self) -> usize {
+        match self {
+            Self::Narrow(all) => size_of_val(all.as_slice()),
+            Self::Wide(all) => size_of_val(all.as_slice()),
+        }
+    }
+}
+
+/// Numbers points in the order in which they are first seen: an open hash table of 4 bytes a slot.
+pub struct Numbering {
+    slots: Vec<u32>,
+    points: Vec<u64>,
+    shift: u32,
+}
+
+const FREE: u32 = u32::MAX;
+
+impl Numbering {
+    /// An empty numbering.
+    pub fn new() -> Self {
+        Self::with_slots_log2(10)
+    }
+
+    fn with_slots_log2(log2: u32) -> Self {
+        Self {
+            slots: vec![FREE; 1 << log2],
+            points: Vec::new(),
+            shift: 64 - log2,
+        }
+    }
+
+    /// The number of a point, a new one if it has none yet.
+    #[inline(always)]
+    pub fn number(&mut self, point: u64) -> u32 {
+        let mask = self.slots.len() - 1;
+        let mut slot = self.home(point);
+        loop {
+            let number = self.slots[slot];
+            if number == FREE {
+                break;
+            }
+            if self.points[number as usize] == point {
+                return number;
+            }
+            slot = (slot + 1) & mask;
+        }
+        let number = self.points.len() as u32;
+        self.slots[slot] = number;
+        self.points.push(point);
+        if self.points.len() * 2 > self.slots.len() {
+            self.grow();
+        }
+        number
+    }
+
+    #[inline(always)]
+    fn home(&self, point: u64) -> usize {
+        (point.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift) as usize
+    }
+
+    #[cold]
+    fn grow(&mut self) {
+        let mut larger = Self::with_slots_log2(64 - self.shift + 2);
+        let mask = larger.slots.len() - 1;
+        for (number, &point) in (0u32..).zip(&self.points) {
+            let mut slot = larger.home(point);
+            while larger.slots[slot] != FREE {
+                slot = (slot + 1) & mask;
+            }
+            larger.slots[slot] = number;
+        }
+        self.slots = larger.slots;
+        self.shift = larger.shift;
+    }
+
+    /// Points by their number.
+    pub fn points(&self) -> &[u64] {
+        &self.points
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_follow_first_sight() {
+        let mut numbering = Numbering::new();
+        let key = |i: u64| i.wrapping_mul(0xD134_2543_DE82_EF95) >> 3;
+        for round in 0..2 {
+            for i in 0..100_000u64 {
+                assert_eq!(numbering.number(key(i)), i as u32, "round {round}");
+            }
+        }
+        assert_eq!(numbering.points().len(), 100_000);
+    }
+
+    #[test]
+    fn lists_keep_numbers_past_32_bits() {
+        let mut wide = Ids::below(1 << 33, 2);
+        wide.push(1 << 32);
+        let mut narrow = Ids::below(1 << 32, 2);
+        narrow.push(7);
+        wide.append(&narrow);
+        assert_eq!((wide.get(0), wide.get(1), wide.len()), (1 << 32, 7, 2));
+        assert_eq!(narrow.num_bytes(), 4);
+    }
+}
