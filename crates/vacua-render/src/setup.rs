@@ -53,6 +53,9 @@ impl PreparedRay {
 /// interleaved sampling), an ordered-dither matrix so that neighbours differ most.
 const INTERLEAVE: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
+/// Most steps from the camera to the volume: numbers of samples are exact in `f64` up to there.
+const FARTHEST: f64 = (1u64 << 52) as f64;
+
 /// One over the golden ratio: shifts the pattern from one frame to the next.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
@@ -104,7 +107,7 @@ impl RaySetup {
         let dt = self.step / (d / self.finest).length();
         // Two samples of slack for rounding; the exact range is settled on computed positions.
         let entered = ((t_enter.max(0.0) / dt).floor() - 2.0).max(0.0);
-        if !(entered < 2f64.powi(52)) || t_leave < 0.0 {
+        if t_leave < 0.0 || entered.is_nan() || entered > FARTHEST {
             return None;
         }
         let base = (entered as u64 / ALIGNMENT * ALIGNMENT) as f64 + jitter;

@@ -71,7 +71,7 @@ impl VolumeStage {
             .macrocells
             .iter()
             .rev()
-            .find(|(finer, _)| side % **finer == 0);
+            .find(|(finer, _)| side.is_multiple_of(**finer));
         let cells = match finer {
             Some((finer, cells)) => cells.coarser(side / finer)?,
             None => {

@@ -104,7 +104,7 @@ impl<V: Sampler> Kernel for Band<'_, V> {
     fn run<S: Simd>(self) {
         let rows = self.rgba.len() / self.width;
         for x0 in (0..self.width).step_by(TILE) {
-            if (x0 / TILE + (self.y0 / TILE) * 7) % self.pass.every != 0 {
+            if !(x0 / TILE + 7 * (self.y0 / TILE)).is_multiple_of(self.pass.every) {
                 continue;
             }
             for row in 0..rows {

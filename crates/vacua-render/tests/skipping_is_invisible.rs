@@ -7,8 +7,8 @@
 use glam::DVec3;
 use proptest::prelude::*;
 use vacua_render::{
-    Camera, ClipPlane, CpuRenderer, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer,
-    Scene, Shading, SkipMethod,
+    Camera, ClipPlane, CpuRenderer, Frame, Integrator, Jitter, Projection, RenderSettings,
+    Renderer, Scene, Shading, SkipMethod,
 };
 use vacua_volume::{
     Association, Bounds, CellMask, ColorPoint, ComponentChoice, DataArray, Dataset, Field,
@@ -53,7 +53,10 @@ fn case() -> impl Strategy<Value = Case> {
         prop::bool::weighted(0.2),
     );
     let look = (
-        prop::collection::vec((0usize..9, prop_oneof![2 => Just(0.0), 1 => 0.0..0.9]), 1..6),
+        prop::collection::vec(
+            (0usize..9, prop_oneof![2 => Just(0.0), 1 => 0.0..0.9]),
+            1..6,
+        ),
         prop::bool::weighted(0.15),
         prop::bool::weighted(0.2),
         prop::bool::weighted(0.3),
@@ -102,12 +105,17 @@ fn scene(case: &Case) -> Scene {
         Association::Point => case.points,
         Association::Cell => case.points.map(|p| p - 1),
     };
-    let hash = |i: usize| (i as u32 ^ case.seed).wrapping_mul(2_654_435_761).rotate_left(15) >> 8;
+    let hash = |i: usize| {
+        (i as u32 ^ case.seed)
+            .wrapping_mul(2_654_435_761)
+            .rotate_left(15)
+            >> 8
+    };
     let value = |i: usize| {
         let h = hash(i.wrapping_mul(31));
         if case.holes && h % 29 == 7 {
             f64::NAN
-        } else if h % case.sparsity == 0 {
+        } else if h.is_multiple_of(case.sparsity) {
             LEVELS[(hash(i) % 9) as usize]
         } else {
             LEVELS[0]
@@ -120,8 +128,12 @@ fn scene(case: &Case) -> Scene {
     .expect("one component");
     let geometry = match case.stretch {
         None => Geometry::Uniform(
-            UniformGrid::new(case.points, DVec3::new(-3.0, 0.5, 10.0), case.spacing.into())
-                .expect("a good grid"),
+            UniformGrid::new(
+                case.points,
+                DVec3::new(-3.0, 0.5, 10.0),
+                case.spacing.into(),
+            )
+            .expect("a good grid"),
         ),
         Some(ratio) => {
             let planes = |a: usize| {
@@ -139,7 +151,7 @@ fn scene(case: &Case) -> Scene {
     let bounds = geometry.bounds();
     let field = Field::new("f", case.association, array);
     let mut mask = CellMask::new(geometry.num_cells());
-    for cell in (0..mask.len()).filter(|&c| case.holes && hash(c + 7) % 5 == 0) {
+    for cell in (0..mask.len()).filter(|&c| case.holes && hash(c + 7).is_multiple_of(5)) {
         mask.blank(cell);
     }
     let volume = Dataset::new(geometry, vec![field])
@@ -149,12 +161,28 @@ fn scene(case: &Case) -> Scene {
     let mut knots: Vec<(f64, f64)> = case.knots.iter().map(|k| (LEVELS[k.0], k.1)).collect();
     knots.sort_by(|a, b| a.0.total_cmp(&b.0));
     let unit = 0.1 * bounds.diagonal();
-    let scale = if case.log { ValueScale::Log } else { ValueScale::Linear };
+    let scale = if case.log {
+        ValueScale::Log
+    } else {
+        ValueScale::Linear
+    };
     let colors = vec![
-        ColorPoint { value: 1.0, srgb: [0.1, 0.2, 0.9] },
-        ColorPoint { value: 100.0, srgb: [0.9, 0.7, 0.1] },
+        ColorPoint {
+            value: 1.0,
+            srgb: [0.1, 0.2, 0.9],
+        },
+        ColorPoint {
+            value: 100.0,
+            srgb: [0.9, 0.7, 0.1],
+        },
     ];
-    let opacities = knots.iter().map(|k| OpacityPoint { value: k.0, opacity: k.1 }).collect();
+    let opacities = knots
+        .iter()
+        .map(|k| OpacityPoint {
+            value: k.0,
+            opacity: k.1,
+        })
+        .collect();
     let look = TransferFunction::new(colors, opacities, unit, scale).expect("sorted knots");
     let in_box = |f: [f64; 3]| bounds.lo + DVec3::from(f) * bounds.size();
     let mut eye = in_box(case.eye);
@@ -171,19 +199,31 @@ fn scene(case: &Case) -> Scene {
         _ => bounds.center() + DVec3::splat(1e-3),
     };
     let projection = if case.orthographic {
-        Projection::Orthographic { height: bounds.diagonal() }
+        Projection::Orthographic {
+            height: bounds.diagonal(),
+        }
     } else {
         Projection::Perspective { fov_degrees: 60.0 }
     };
     let up = DVec3::new(0.1, 1.0, 0.3);
-    let mut scene =
-        Scene::new(volume, look).camera(Camera::Placed { eye, at, up, projection });
+    let mut scene = Scene::new(volume, look).camera(Camera::Placed {
+        eye,
+        at,
+        up,
+        projection,
+    });
     if let Some(normal) = case.clip {
-        let plane = ClipPlane { point: bounds.center(), normal: DVec3::from(normal) };
+        let plane = ClipPlane {
+            point: bounds.center(),
+            normal: DVec3::from(normal),
+        };
         scene = scene.clip(plane);
     }
     if case.roi {
-        let roi = Bounds { lo: in_box([0.2, 0.0, 0.3]), hi: in_box([0.9, 0.8, 1.0]) };
+        let roi = Bounds {
+            lo: in_box([0.2, 0.0, 0.3]),
+            hi: in_box([0.9, 0.8, 1.0]),
+        };
         scene = scene.region_of_interest(roi);
     }
     scene
@@ -194,8 +234,16 @@ fn settings(case: &Case, skip: SkipMethod) -> RenderSettings {
         width: 9,
         height: 7,
         step: case.step,
-        integrator: if case.maximum { Integrator::MaximumIntensity } else { Integrator::March },
-        shading: if case.gradient { Shading::Gradient } else { Shading::None },
+        integrator: if case.maximum {
+            Integrator::MaximumIntensity
+        } else {
+            Integrator::March
+        },
+        shading: if case.gradient {
+            Shading::Gradient
+        } else {
+            Shading::None
+        },
         skip,
         macrocell_side: Some(case.side),
         jitter: if case.jitter { Jitter::On } else { Jitter::Off },
@@ -206,10 +254,15 @@ fn settings(case: &Case, skip: SkipMethod) -> RenderSettings {
 /// Colour, alpha and depth as bits.
 fn bits(frame: &Frame) -> Vec<[u32; 5]> {
     let depth = frame.depth.iter().map(|d| d.to_bits());
-    frame.rgba.iter().zip(depth).map(|(p, d)| {
-        let [r, g, b, a] = p.map(f32::to_bits);
-        [r, g, b, a, d]
-    }).collect()
+    frame
+        .rgba
+        .iter()
+        .zip(depth)
+        .map(|(p, d)| {
+            let [r, g, b, a] = p.map(f32::to_bits);
+            [r, g, b, a, d]
+        })
+        .collect()
 }
 
 fn check(renderers: &mut [CpuRenderer], case: &Case) -> Result<(), TestCaseError> {
@@ -218,7 +271,9 @@ fn check(renderers: &mut [CpuRenderer], case: &Case) -> Result<(), TestCaseError
     let reference = reference.expect("a good scene").frame;
     for (i, renderer) in renderers.iter_mut().enumerate() {
         for method in [SkipMethod::Grid, SkipMethod::Boxes, SkipMethod::Mesh] {
-            let rendering = renderer.render(&scene, &settings(case, method)).expect("a good scene");
+            let rendering = renderer
+                .render(&scene, &settings(case, method))
+                .expect("a good scene");
             prop_assert_eq!(rendering.report.method, method);
             let same = bits(&rendering.frame) == bits(&reference);
             prop_assert!(same, "{:?} differs with renderer {}", method, i);
@@ -230,9 +285,14 @@ fn check(renderers: &mut [CpuRenderer], case: &Case) -> Result<(), TestCaseError
 
 #[test]
 fn in_ten_thousand_random_scenes() {
-    let mut renderers =
-        [CpuRenderer::new(Some(1)).expect("a thread"), CpuRenderer::new(Some(3)).expect("threads")];
-    let config = ProptestConfig { cases: 10_000, ..ProptestConfig::default() };
+    let mut renderers = [
+        CpuRenderer::new(Some(1)).expect("a thread"),
+        CpuRenderer::new(Some(3)).expect("threads"),
+    ];
+    let config = ProptestConfig {
+        cases: 10_000,
+        ..ProptestConfig::default()
+    };
     let mut runner = proptest::test_runner::TestRunner::new(config);
     let renderers = std::cell::RefCell::new(&mut renderers);
     let result = runner.run(&case(), |case| check(&mut **renderers.borrow_mut(), &case));

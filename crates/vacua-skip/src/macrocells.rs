@@ -293,7 +293,7 @@ mod tests {
             let n = if cell_data { points.map(|p| p - 1) } else { points };
             let noise = |i: usize| {
                 let h = (i as u32 ^ seed).wrapping_mul(2654435761) >> 8;
-                if h % 7 == 0 { f32::NAN } else { h as f32 * 1e-3 }
+                if h.is_multiple_of(7) { f32::NAN } else { h as f32 * 1e-3 }
             };
             let values: Vec<f32> = (0..n.iter().product()).map(noise).collect();
             let scalars = DataArray::from_vec(values.clone(), 1).expect("one component");

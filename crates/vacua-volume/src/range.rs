@@ -79,7 +79,11 @@ impl ValueMap {
     #[inline(always)]
     pub fn rendered(&self, value: f64) -> f32 {
         let rendered = ((value - self.offset) * self.factor) as f32;
-        if rendered.is_subnormal() { 0.0 } else { rendered }
+        if rendered.is_subnormal() {
+            0.0
+        } else {
+            rendered
+        }
     }
 
     /// The stored value that rendering sees as `rendered`.
