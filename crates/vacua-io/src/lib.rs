@@ -16,10 +16,12 @@ mod npy;
 mod nrrd;
 mod payload;
 mod raw;
+pub mod picture;
 mod registry;
 mod save;
 mod source;
 pub mod vtk;
+pub mod transfer_json;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};
