@@ -15,13 +15,13 @@ mod nifti;
 mod npy;
 mod nrrd;
 mod payload;
-mod raw;
 pub mod picture;
+mod raw;
 mod registry;
 mod save;
 mod source;
-pub mod vtk;
 pub mod transfer_json;
+pub mod vtk;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};

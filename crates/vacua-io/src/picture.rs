@@ -36,7 +36,7 @@ pub struct Picture<'a> {
 impl Picture<'_> {
     /// Checks that every plane has one entry a pixel, and that there is a pixel.
     fn check(&self) -> Result<(), Problem> {
-        let pixels = self.width.checked_mul(self.height).unwrap_or(usize::MAX);
+        let pixels = self.width.saturating_mul(self.height);
         let planes = [
             ("colour", Some(self.rgba.len())),
             ("depth", self.depth.map(<[f32]>::len)),

@@ -31,5 +31,5 @@ pub use style::{
 };
 pub use transfer::{
     ColorPoint, OpacityPoint, TRANSFER_BINS, TransferFunction, TransferFunctionError,
-    TransferTable, ValueScale,
+    TransferTable, ValueScale, linear_from_srgb,
 };

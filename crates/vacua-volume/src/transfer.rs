@@ -258,7 +258,7 @@ fn check(
 }
 
 /// sRGB to linear light, for one component in `0..=1` (IEC 61966-2-1).
-pub(crate) fn linear_from_srgb(encoded: f64) -> f64 {
+pub fn linear_from_srgb(encoded: f64) -> f64 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {
