@@ -133,6 +133,8 @@ fn wrong_usage_is_2() {
         &["render", "a.vti", "-o", "a.png", "--log", "--range", "0,1"],
         &["render", "a.vti", "-o", "a.png", "--heatmap-halves"],
         &["info", "a.raw", "--dims", "3x4"],
+        &["synth", "sphere", "-o", "a.raw"],
+        &["synth", "linear", "--size", "3x4", "-o", "a.raw"],
     ] {
         let output = vacua(arguments);
         assert_eq!(
@@ -347,6 +349,16 @@ fn converted_and_read_again() {
         assert_eq!(info["bounds"], original["bounds"]);
         assert_eq!(info["fields"][0]["range"], original["fields"][0]["range"]);
     }
+}
+
+#[test]
+fn made_and_read_again() {
+    let folder = folder();
+    let made = text(&folder.path().join("made.nrrd"));
+    succeed(&["synth", "linear", "--size", "6x5x4", "-o", &made]);
+    let info = json(&["info", &made, "--json"]);
+    assert_eq!(info["dimensions"], serde_json::json!([6, 5, 4]));
+    assert_eq!(info["fields"][0]["type"], "f32");
 }
 
 #[test]

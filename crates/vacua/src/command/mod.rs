@@ -6,10 +6,12 @@
 
 mod choice;
 mod convert;
+mod demo;
 mod info;
 mod input;
 mod output;
 mod render;
+mod synth;
 mod values;
 
 use std::error::Error;
@@ -33,12 +35,16 @@ struct Arguments {
 
 #[derive(Subcommand, Debug)]
 enum Command {
+    /// Pictures with nothing to bring: makes volumes and renders them with and without skipping
+    Demo(demo::DemoArgs),
     /// What is in a file: kind, size, bounds, fields with type and range
     Info(info::InfoArgs),
     /// One picture of a file's data
     Render(Box<render::RenderArgs>),
     /// From one file format to another
     Convert(Box<convert::ConvertArgs>),
+    /// Procedural volumes of any size
+    Synth(synth::SynthArgs),
 }
 
 /// Wrong usage that only shows when arguments meet each other.
@@ -109,9 +115,11 @@ pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     start_logging(arguments.verbose);
     let done = match arguments.command {
+        Command::Demo(args) => demo::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Convert(args) => convert::run(*args),
+        Command::Synth(args) => synth::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
