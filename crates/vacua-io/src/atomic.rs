@@ -26,10 +26,13 @@ pub fn write_atomically(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    let temporary = tempfile::Builder::new()
-        .prefix(".vacua-")
-        .tempfile_in(folder)
-        .map_err(system)?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".vacua-");
+    // Readable by whom the process lets read its files, as with any file that a program creates;
+    // without this only the owner could.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let temporary = builder.tempfile_in(folder).map_err(system)?;
     let mut writer = BufWriter::with_capacity(1 << 20, temporary.as_file());
     fill(&mut writer)
         .and_then(|()| writer.flush())
@@ -42,6 +45,18 @@ pub fn write_atomically(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_any_new_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let (ours, plain) = (folder.path().join("ours"), folder.path().join("plain"));
+        write_atomically(&ours, |w| w.write_all(b"x")).expect("writable");
+        std::fs::write(&plain, b"x").expect("writable");
+        let mode = |path| std::fs::metadata(path).expect("there").permissions().mode();
+        assert_eq!(mode(ours), mode(plain));
+    }
 
     #[test]
     fn a_failed_write_leaves_the_old_file() {

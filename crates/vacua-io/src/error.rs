@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use vacua_volume::{ArrayError, DatasetError, GridError};
+use vacua_volume::{ArrayError, DatasetError, GridError, TransferFunctionError};
 
 /// A file that could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -78,6 +78,9 @@ pub enum Problem {
     /// Geometry and fields do not fit together.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The points make no transfer function.
+    #[error(transparent)]
+    TransferFunction(#[from] TransferFunctionError),
 }
 
 impl Problem {

@@ -15,10 +15,12 @@ mod nifti;
 mod npy;
 mod nrrd;
 mod payload;
+pub mod picture;
 mod raw;
 mod registry;
 mod save;
 mod source;
+pub mod transfer_json;
 pub mod vtk;
 
 pub use atomic::write_atomically;

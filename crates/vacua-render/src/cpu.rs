@@ -5,18 +5,21 @@
 //! transfer-function edit redoes look and skip; a new volume redoes everything. Each stage keeps
 //! what it was built from and is rebuilt when that differs, so that none can be stale.
 
+use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Instant;
 
 use vacua_skip::{Lattice, MAX_SAMPLES};
 use vacua_volume::ValueScale;
 
+use crate::accumulate::Accumulator;
+use crate::auto::choose;
 use crate::error::RenderError;
 use crate::frame::Frame;
-use crate::scene::{Jitter, RenderSettings, Scene, SkipMethod};
+use crate::scene::{Integrator, Jitter, RenderSettings, Scene, SkipMethod};
 use crate::setup::RaySetup;
 use crate::stage::{LookStage, SkipStage, VolumeStage};
-use crate::tiles::{Pass, render_pass};
+use crate::tiles::{Pass, TILE, render_pass};
 
 /// Makes pictures of scenes.
 pub trait Renderer {
@@ -83,6 +86,17 @@ struct Stages {
     volume: VolumeStage,
     look: LookStage,
     skip: SkipStage,
+    wanted: Wanted,
+    /// Why, if `skip` was chosen automatically.
+    reason: Option<String>,
+}
+
+/// What was asked for when a [`SkipStage`] was made.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Wanted {
+    method: SkipMethod,
+    side: Option<usize>,
+    integrator: Integrator,
 }
 
 /// Macrocell side where nothing else is asked for or measured.
@@ -155,7 +169,9 @@ fn prepare(
     let start = Instant::now();
     let scale = scene.transfer_function.scale();
     let (volume, kept) = match kept {
-        Some(s) if is_for(&s.volume, scene, scale) => (Some(s.volume), Some((s.look, s.skip))),
+        Some(s) if is_for(&s.volume, scene, scale) => {
+            (Some(s.volume), Some((s.look, (s.skip, s.wanted, s.reason))))
+        }
         _ => (None, None),
     };
     let mut volume = match volume {
@@ -174,19 +190,53 @@ fn prepare(
         _ => (LookStage::new(&volume, &scene.transfer_function), None),
     };
     let table_secs = start.elapsed().as_secs_f64();
-    let side = settings.macrocell_side.unwrap_or(DEFAULT_MACROCELL_SIDE);
-    let method = settings.skip;
-    let fits =
-        |s: &SkipStage| s.method == method && s.side == side && s.integrator == settings.integrator;
-    let skip = match kept {
-        Some(skip) if fits(&skip) => skip,
+    let wanted = Wanted {
+        method: settings.skip,
+        side: settings.macrocell_side,
+        integrator: settings.integrator,
+    };
+    let (skip, reason) = match kept {
+        Some((skip, was, reason)) if was == wanted => (skip, reason),
         _ => {
             let before = volume.macrocell_secs;
-            let skip = SkipStage::new(&mut volume, &look, settings.integrator, method, side)?;
+            let start = Instant::now();
+            let (skip, reason) = match settings.skip {
+                SkipMethod::Auto => {
+                    let rays = Rays::new(&volume, scene, settings)?;
+                    let num_tiles = settings.width.div_ceil(TILE) * settings.height.div_ceil(TILE);
+                    let frame = RefCell::new(Frame::empty(settings.width, settings.height));
+                    let pilot = |volume: &VolumeStage, skip: &SkipStage, every: usize| {
+                        let pass = Pass {
+                            every,
+                            ..rays.pass(volume, &look, skip, settings, 0)
+                        };
+                        render_pass(pass, volume, &mut frame.borrow_mut());
+                    };
+                    let side = settings.macrocell_side;
+                    let choice = choose(
+                        &mut volume,
+                        &look,
+                        settings.integrator,
+                        side,
+                        num_tiles,
+                        pilot,
+                    )?;
+                    report.auto_secs = start.elapsed().as_secs_f64();
+                    (choice.stage, Some(choice.reason))
+                }
+                method => {
+                    let side = settings.macrocell_side.unwrap_or(DEFAULT_MACROCELL_SIDE);
+                    let integrator = settings.integrator;
+                    (
+                        SkipStage::new(&mut volume, &look, integrator, method, side)?,
+                        None,
+                    )
+                }
+            };
             report.macrocells_secs = volume.macrocell_secs - before;
             report.classify_secs = table_secs + skip.classify_secs;
             report.skip_secs = skip.build_secs;
-            skip
+            (skip, reason)
         }
     };
     report.method = skip.method;
@@ -195,11 +245,87 @@ fn prepare(
     report.num_macrocells = skip.num_macrocells;
     report.macrocell_bytes = volume.macrocell_bytes();
     report.skip_bytes = skip.skipper.size_bytes();
-    Ok(Stages { volume, look, skip })
+    report.reason.clone_from(&reason);
+    Ok(Stages {
+        volume,
+        look,
+        skip,
+        wanted,
+        reason,
+    })
 }
 
 fn is_for(stage: &VolumeStage, scene: &Scene, scale: ValueScale) -> bool {
     Arc::ptr_eq(&stage.volume, &scene.volume) && stage.scale == scale
+}
+
+/// The rays of a picture, for any skipper.
+struct Rays {
+    setup: RaySetup,
+    lattice: Lattice,
+}
+
+impl Rays {
+    fn new(
+        volume: &VolumeStage,
+        scene: &Scene,
+        settings: &RenderSettings,
+    ) -> Result<Self, RenderError> {
+        let bounds = scene.volume.geometry().bounds();
+        let view = scene.camera.view(bounds, settings.width, settings.height)?;
+        let space = &volume.space;
+        let lattice = Lattice::new(space.axes.clone(), 1)?;
+        let mut setup = RaySetup::new(view, space, &lattice, settings.step);
+        setup.clip_planes.clone_from(&scene.clip_planes);
+        setup.region_of_interest = scene.region_of_interest;
+        setup.jitter = match settings.jitter {
+            Jitter::Auto => settings.samples_per_pixel > 1 || settings.first_frame > 0,
+            Jitter::On => true,
+            Jitter::Off => false,
+        };
+        let samples = setup.longest_ray();
+        let limit = MAX_SAMPLES / 2;
+        if samples > f64::from(limit) {
+            return Err(RenderError::StepTooSmall {
+                step: settings.step,
+                samples,
+                limit,
+            });
+        }
+        Ok(Self { setup, lattice })
+    }
+
+    /// One frame's pass over the picture.
+    fn pass<'a>(
+        &'a self,
+        volume: &'a VolumeStage,
+        look: &'a LookStage,
+        skip: &'a SkipStage,
+        settings: &RenderSettings,
+        frame: u32,
+    ) -> Pass<'a> {
+        Pass {
+            setup: &self.setup,
+            lattice: &self.lattice,
+            strides: &volume.strides,
+            skipper: &*skip.skipper,
+            table: &look.table,
+            threshold: look.threshold,
+            integrator: settings.integrator,
+            shading: settings.shading,
+            termination: settings.termination,
+            frame,
+            offset: pixel_offset(frame),
+            every: 1,
+        }
+    }
+}
+
+/// Where in the pixel the rays of a frame go through: its middle first, then the points of a
+/// low-discrepancy sequence (Roberts' R2).
+fn pixel_offset(frame: u32) -> [f64; 2] {
+    const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+    R2.map(|step| (0.5 + step * f64::from(frame)).fract())
 }
 
 /// Renders as many frames as there are samples a pixel and averages them.
@@ -208,43 +334,23 @@ fn render_frames(
     scene: &Scene,
     settings: &RenderSettings,
 ) -> Result<Frame, RenderError> {
-    let bounds = scene.volume.geometry().bounds();
-    let view = scene.camera.view(bounds, settings.width, settings.height)?;
-    let space = &stages.volume.space;
-    let lattice = Lattice::new(space.axes.clone(), 1)?;
-    let mut setup = RaySetup::new(view, space, &lattice, settings.step);
-    setup.clip_planes.clone_from(&scene.clip_planes);
-    setup.region_of_interest = scene.region_of_interest;
-    let spp = settings.samples_per_pixel.max(1);
-    setup.jitter = match settings.jitter {
-        Jitter::Auto => spp > 1,
-        Jitter::On => true,
-        Jitter::Off => false,
+    let rays = Rays::new(&stages.volume, scene, settings)?;
+    let render = |frame_number| {
+        let mut frame = Frame::empty(settings.width, settings.height);
+        let pass = rays.pass(
+            &stages.volume,
+            &stages.look,
+            &stages.skip,
+            settings,
+            frame_number,
+        );
+        render_pass(pass, &stages.volume, &mut frame);
+        frame
     };
-    let samples = setup.longest_ray();
-    let limit = MAX_SAMPLES / 2;
-    if samples > f64::from(limit) {
-        return Err(RenderError::StepTooSmall {
-            step: settings.step,
-            samples,
-            limit,
-        });
+    let first = settings.first_frame;
+    let mut mean = Accumulator::new(render(first));
+    for more in 1..settings.samples_per_pixel.max(1) {
+        mean.add(&render(first.wrapping_add(more)));
     }
-    let mut frame = Frame::empty(settings.width, settings.height);
-    let pass = Pass {
-        setup: &setup,
-        lattice: &lattice,
-        strides: &stages.volume.strides,
-        skipper: &*stages.skip.skipper,
-        table: &stages.look.table,
-        threshold: stages.look.threshold,
-        integrator: settings.integrator,
-        shading: settings.shading,
-        termination: settings.termination,
-        frame: 0,
-        offset: [0.5, 0.5],
-        every: 1,
-    };
-    render_pass(pass, &stages.volume, &stages.look, &mut frame);
-    Ok(frame)
+    Ok(mean.mean())
 }

@@ -4,6 +4,8 @@
 //! picture is made; a [`Renderer`] makes the [`Frame`]. Whatever the settings for skipping, the
 //! picture is the same to the bit.
 
+mod accumulate;
+mod auto;
 mod blocks;
 mod camera;
 mod cpu;
@@ -17,6 +19,7 @@ mod space;
 mod stage;
 mod tiles;
 
+pub use accumulate::Accumulator;
 pub use camera::{Camera, CameraError, Projection, View};
 pub use cpu::{CpuRenderer, DEFAULT_MACROCELL_SIDE, RenderReport, Renderer, Rendering};
 pub use error::RenderError;

@@ -144,10 +144,12 @@ pub struct RenderSettings {
     pub shading: Shading,
     /// How empty space is skipped.
     pub skip: SkipMethod,
-    /// Cells a side of a macrocell; chosen by measurement or 8 if not given.
+    /// Cells a side of a macrocell; chosen by measurement, or 8, if not given.
     pub macrocell_side: Option<usize>,
-    /// Rays a pixel.
+    /// Rays a pixel: frames that are averaged.
     pub samples_per_pixel: u32,
+    /// Number of the first of these frames; progressive rendering goes on where it stopped.
+    pub first_frame: u32,
     /// Whether sample positions are jittered.
     pub jitter: Jitter,
     /// A ray ends when less than this part of the light behind it would come through; 0 never ends.
@@ -165,6 +167,7 @@ impl Default for RenderSettings {
             skip: SkipMethod::Auto,
             macrocell_side: None,
             samples_per_pixel: 1,
+            first_frame: 0,
             jitter: Jitter::Auto,
             termination: 1.0 / 1024.0,
         }

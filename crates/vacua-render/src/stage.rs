@@ -130,7 +130,6 @@ impl LookStage {
 pub(crate) struct SkipStage {
     pub method: SkipMethod,
     pub side: usize,
-    pub integrator: Integrator,
     pub skipper: Box<dyn Skipper>,
     /// Seconds to classify the macrocells.
     pub classify_secs: f64,
@@ -153,7 +152,6 @@ impl SkipStage {
             return Ok(Self {
                 method,
                 side,
-                integrator,
                 skipper: Box::new(NoSkip),
                 classify_secs: 0.0,
                 build_secs: 0.0,
@@ -180,7 +178,6 @@ impl SkipStage {
         Ok(Self {
             method,
             side,
-            integrator,
             skipper,
             classify_secs,
             build_secs,

@@ -12,10 +12,10 @@ use crate::march::{Composite, Maximum, RayResult};
 use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
 use crate::scene::{Integrator, Shading};
 use crate::setup::RaySetup;
-use crate::stage::{LookStage, VolumeStage};
+use crate::stage::VolumeStage;
 
 /// Pixels a side of a tile, and rows of a band.
-const TILE: usize = 8;
+pub(crate) const TILE: usize = 8;
 
 /// Everything that a pass needs to know.
 #[derive(Clone, Copy)]
@@ -38,13 +38,7 @@ pub(crate) struct Pass<'a> {
 }
 
 /// Renders all rays of a pass into a frame.
-pub(crate) fn render_pass(
-    pass: Pass<'_>,
-    volume: &VolumeStage,
-    look: &LookStage,
-    frame: &mut Frame,
-) {
-    debug_assert!(look.threshold.to_bits() == pass.threshold.to_bits());
+pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Frame) {
     let scalars = volume.volume.scalars();
     let map = (!volume.map.is_identity()).then_some(WideMap {
         offset: volume.map.offset,

@@ -8,22 +8,30 @@
 #![forbid(unsafe_code)]
 
 mod array;
+mod color_space;
 mod dataset;
 mod field;
 mod grid;
 mod mesh;
+pub mod presets;
 mod range;
 mod scalar;
+mod style;
 mod transfer;
 
 pub use array::{ArrayError, ByteStore, DataArray};
+pub use color_space::{ColorSpace, srgb_from_linear};
 pub use dataset::{CellMask, ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
 pub use field::{Association, Field, FieldError, LoadError};
 pub use grid::{Bounds, CurvilinearGrid, Geometry, GridError, RectilinearGrid, UniformGrid};
 pub use mesh::{Cell, CellType, Indices, MAX_CELL_POINTS, MeshError, UnstructuredMesh};
 pub use range::{ValueMap, ValueRange};
 pub use scalar::{Scalar, ScalarType, UnknownScalarType};
+pub use style::{
+    DEFAULT_RAMP_OPACITY, OpacityStyle, StyleError, TransferStyle, default_transfer_function,
+    default_unit_length, percentile_range,
+};
 pub use transfer::{
     ColorPoint, OpacityPoint, TRANSFER_BINS, TransferFunction, TransferFunctionError,
-    TransferTable, ValueScale,
+    TransferTable, ValueScale, linear_from_srgb,
 };

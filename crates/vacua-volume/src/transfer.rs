@@ -42,6 +42,30 @@ pub enum ValueScale {
     Log,
 }
 
+impl ValueScale {
+    /// The value a fraction of the way through a range, evenly on this scale; the ends come out as
+    /// they went in.
+    pub fn at(self, range: ValueRange, fraction: f64) -> f64 {
+        let value = match self {
+            _ if fraction <= 0.0 => range.lo,
+            _ if fraction >= 1.0 => range.hi,
+            Self::Linear => range.lo + fraction * (range.hi - range.lo),
+            Self::Log => range.lo * (fraction * (range.hi / range.lo).ln()).exp(),
+        };
+        value.max(range.lo).min(range.hi)
+    }
+
+    /// Where a value lies in a range, 0 at its lower and 1 at its upper end; the inverse of
+    /// [`ValueScale::at`]. 0 in a range without width.
+    pub fn fraction(self, range: ValueRange, value: f64) -> f64 {
+        let fraction = match self {
+            Self::Linear => (value - range.lo) / (range.hi - range.lo),
+            Self::Log => (value / range.lo).ln() / (range.hi / range.lo).ln(),
+        };
+        if fraction.is_finite() { fraction } else { 0.0 }
+    }
+}
+
 /// Why points make no transfer function.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum TransferFunctionError {
@@ -234,7 +258,7 @@ fn check(
 }
 
 /// sRGB to linear light, for one component in `0..=1` (IEC 61966-2-1).
-pub(crate) fn linear_from_srgb(encoded: f64) -> f64 {
+pub fn linear_from_srgb(encoded: f64) -> f64 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {

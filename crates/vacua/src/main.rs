@@ -1,3 +1,7 @@
-//! The `vacua` command.
+//! The `vacua` command; see `vacua --help`.
 
-fn main() {}
+mod command;
+
+fn main() -> std::process::ExitCode {
+    command::main()
+}

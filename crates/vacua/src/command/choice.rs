@@ -1,0 +1,165 @@
+//! Which field of a dataset, and what its values look like.
+
+use std::path::{Path, PathBuf};
+
+use vacua_io::transfer_json::read_transfer_function;
+use vacua_volume::{
+    ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint, TransferFunction, TransferStyle,
+    ValueRange, ValueScale, Volume, default_unit_length,
+};
+
+use super::input::Opened;
+use super::values::{self, OpacityList};
+use super::{Failure, Wrong};
+
+/// Which field, and which component of it.
+#[derive(clap::Args, Debug)]
+pub struct FieldArgs {
+    /// Field by name, or by number as `#0`; a lone field needs no choice
+    #[arg(long, value_name = "NAME|#N", value_parser = values::field)]
+    pub field: Option<FieldChoice>,
+    /// Component of a field with several, from 0, or `mag` for the magnitude [default: mag]
+    #[arg(long, value_name = "N|mag", value_parser = values::component)]
+    pub component: Option<ComponentChoice>,
+}
+
+impl FieldArgs {
+    /// Loads the chosen field.
+    pub fn volume(&self, opened: &Opened) -> Result<Volume, Failure> {
+        opened
+            .dataset
+            .volume(
+                self.field.as_ref().unwrap_or(&FieldChoice::Only),
+                self.component.unwrap_or_default(),
+            )
+            .map_err(|e| Failure::contents(&opened.path, e))
+    }
+
+    /// The dataset with the chosen field or component alone; as it is without a choice.
+    pub fn dataset(&self, opened: &Opened) -> Result<Dataset, Failure> {
+        let dataset = &opened.dataset;
+        if self.field.is_none() && self.component.is_none() {
+            return Ok(dataset.clone());
+        }
+        let fail = |e| Failure::contents(&opened.path, e);
+        let field = match self.component {
+            None => dataset
+                .field(self.field.as_ref().unwrap_or(&FieldChoice::Only))
+                .map_err(fail)?
+                .clone(),
+            Some(_) => {
+                let volume = self.volume(opened)?;
+                Field::new(
+                    volume.name(),
+                    volume.association(),
+                    volume.scalars().clone(),
+                )
+            }
+        };
+        let alone = Dataset::new(dataset.geometry().as_ref().clone(), vec![field]).map_err(fail)?;
+        match dataset.blanked_cells() {
+            None => Ok(alone),
+            Some(mask) => alone
+                .with_blanked_cells(mask.as_ref().clone())
+                .map_err(fail),
+        }
+    }
+}
+
+/// What values look like.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "How it looks")]
+pub struct LookArgs {
+    /// Colour map by name, such as viridis, cool-warm or grey [default: viridis]
+    #[arg(long, value_name = "NAME", value_parser = color_map)]
+    pub colormap: Option<String>,
+    /// Values that the colours span [default: 2nd to 98th percentile of the data]
+    #[arg(long, value_name = "LO,HI", value_parser = values::range, allow_hyphen_values = true)]
+    pub range: Option<ValueRange>,
+    /// Opacity by value, in units of the data [default: a ramp from 0]
+    #[arg(long, value_name = "V:A,V:A,…", allow_hyphen_values = true)]
+    pub opacity: Option<OpacityList>,
+    /// World length over which opacities hold [default: longest side of the data ÷ 100]
+    #[arg(long, value_name = "LEN", value_parser = values::positive)]
+    pub unit: Option<f64>,
+    /// Transfer function from a JSON file, vacua's or ParaView's; other flags change it
+    #[arg(long, value_name = "FILE", conflicts_with = "colormap")]
+    pub tf: Option<PathBuf>,
+    /// Spread values logarithmically
+    #[arg(long, conflicts_with = "tf")]
+    pub log: bool,
+}
+
+/// The name of a colour map that there is.
+fn color_map(name: &str) -> Result<String, vacua_volume::presets::UnknownPreset> {
+    let any = ValueRange { lo: 0.0, hi: 1.0 };
+    vacua_volume::presets::color_points(name, any).map(|_| name.to_owned())
+}
+
+impl LookArgs {
+    /// The transfer function for a volume.
+    pub fn transfer_function(&self, volume: &Volume) -> Result<TransferFunction, Failure> {
+        match &self.tf {
+            Some(path) => self.read_file(path, volume),
+            None => self
+                .style()
+                .resolve(volume)
+                .map_err(|e| Failure::Other(Box::new(e))),
+        }
+    }
+
+    fn style(&self) -> TransferStyle {
+        let mut style = TransferStyle {
+            range: self.range,
+            unit_length: self.unit,
+            scale: if self.log {
+                ValueScale::Log
+            } else {
+                ValueScale::Linear
+            },
+            ..TransferStyle::default()
+        };
+        if let Some(name) = &self.colormap {
+            style.color_map.clone_from(name);
+        }
+        match &self.opacity {
+            Some(list) => style.opacity_points(list.0.clone()),
+            None => style,
+        }
+    }
+
+    fn read_file(&self, path: &Path, volume: &Volume) -> Result<TransferFunction, Failure> {
+        let unit = default_unit_length(volume.geometry().bounds());
+        let file = read_transfer_function(path, unit)?;
+        for note in &file.notes {
+            eprintln!("note: {}: {note}", path.display());
+        }
+        let fail = |e| Failure::contents(path, e);
+        let mut function = file.function;
+        if let Some(range) = self.range {
+            function = function.stretched_to(range).map_err(fail)?;
+        }
+        let opacities: Vec<OpacityPoint> = match &self.opacity {
+            Some(list) => list.0.clone(),
+            None => function.opacities().to_vec(),
+        };
+        TransferFunction::new(
+            function.colors().to_vec(),
+            opacities,
+            self.unit.unwrap_or(function.unit_length()),
+            function.scale(),
+        )
+        .map_err(fail)
+    }
+
+    /// Checks what can be checked without data.
+    pub fn check(&self) -> Result<(), Wrong> {
+        match self.range {
+            Some(range) if self.log && range.lo <= 0.0 => Err(Wrong(format!(
+                "--log needs positive values, --range starts at {}",
+                range.lo
+            ))),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! `vacua info`: what is in a file.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+use serde_json::{Number, Value};
+use vacua_volume::{Dataset, ScalarType, ValueRange};
+
+use super::input::{InputArgs, Opened};
+use super::{Failure, output};
+
+/// Arguments of `vacua info`.
+#[derive(clap::Args, Debug)]
+pub struct InfoArgs {
+    #[command(flatten)]
+    input: InputArgs,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `vacua info --json` prints.
+#[derive(Serialize)]
+struct Info {
+    file: String,
+    kind: &'static str,
+    dimensions: [usize; 3],
+    bounds: [f64; 6],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blanked_cells: Option<usize>,
+    fields: Vec<FieldInfo>,
+    time_steps: usize,
+    time_step: usize,
+    notes: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct FieldInfo {
+    name: String,
+    association: String,
+    #[serde(rename = "type")]
+    scalar_type: &'static str,
+    components: usize,
+    /// `[lo, hi]`, null without finite values; a list of them for several components.
+    range: Value,
+}
+
+/// Runs `vacua info`.
+pub fn run(args: &InfoArgs) -> Result<(), Failure> {
+    let opened = args.input.open()?;
+    let info = output::during("reading the values", || describe(&opened))?;
+    if args.json {
+        output::print_json(&info)
+    } else {
+        output::print(&as_text(&info))
+    }
+}
+
+fn describe(opened: &Opened) -> Result<Info, Failure> {
+    let dataset: &Dataset = &opened.dataset;
+    let geometry = dataset.geometry();
+    let bounds = geometry.bounds();
+    let mut fields = Vec::new();
+    for field in dataset.fields() {
+        let values = field
+            .load()
+            .map_err(|e| Failure::contents(&opened.path, e))?;
+        let mut ranges: Vec<Value> = (0..values.components())
+            .map(|c| range_json(values.range(c), values.scalar_type()))
+            .collect();
+        fields.push(FieldInfo {
+            name: field.name().to_owned(),
+            association: field.association().to_string(),
+            scalar_type: field.scalar_type().name(),
+            components: field.components(),
+            range: match ranges.len() {
+                1 => ranges.swap_remove(0),
+                _ => Value::Array(ranges),
+            },
+        });
+    }
+    Ok(Info {
+        file: opened.path.display().to_string(),
+        kind: geometry.kind(),
+        dimensions: geometry.points(),
+        bounds: [
+            bounds.lo.x,
+            bounds.hi.x,
+            bounds.lo.y,
+            bounds.hi.y,
+            bounds.lo.z,
+            bounds.hi.z,
+        ],
+        blanked_cells: dataset.blanked_cells().map(|mask| mask.num_blank()),
+        fields,
+        time_steps: opened.num_steps,
+        time_step: opened.step,
+        notes: dataset.notes().to_vec(),
+    })
+}
+
+/// A range as JSON; whole numbers of whole-number types print as such.
+fn range_json(range: Option<ValueRange>, scalar_type: ScalarType) -> Value {
+    let Some(ValueRange { lo, hi }) = range else {
+        return Value::Null;
+    };
+    let float = matches!(scalar_type, ScalarType::F32 | ScalarType::F64);
+    let number = |value: f64| {
+        let whole = !float && value.abs() < 2f64.powi(63);
+        let number = if whole {
+            Some(Number::from(value as i64))
+        } else {
+            Number::from_f64(value)
+        };
+        number.map_or(Value::Null, Value::Number)
+    };
+    Value::Array(vec![number(lo), number(hi)])
+}
+
+fn as_text(info: &Info) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = write_text(&mut text, info);
+    text.trim_end().to_owned()
+}
+
+fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
+    let [nx, ny, nz] = info.dimensions;
+    let [x0, x1, y0, y1, z0, z1] = info.bounds;
+    writeln!(out, "{}", info.file)?;
+    writeln!(out, "  {} grid, {nx} × {ny} × {nz} points", info.kind)?;
+    writeln!(out, "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}")?;
+    if let Some(blanked) = info.blanked_cells {
+        writeln!(out, "  {blanked} cells blanked")?;
+    }
+    if info.time_steps > 1 {
+        writeln!(
+            out,
+            "  step {} of {} (0 to {})",
+            info.time_step,
+            info.time_steps,
+            info.time_steps - 1
+        )?;
+    }
+    if info.fields.is_empty() {
+        writeln!(out, "  no fields")?;
+    }
+    let widest = info
+        .fields
+        .iter()
+        .map(|f| f.name.chars().count())
+        .max()
+        .unwrap_or(0);
+    for (i, field) in info.fields.iter().enumerate() {
+        let several = if field.components > 1 {
+            format!(" × {}", field.components)
+        } else {
+            String::new()
+        };
+        writeln!(
+            out,
+            "  #{i} {:widest$}  {} {}{several}  {}",
+            field.name,
+            field.association,
+            field.scalar_type,
+            range_text(&field.range)
+        )?;
+    }
+    Ok(())
+}
+
+fn range_text(range: &Value) -> String {
+    match range {
+        Value::Array(ends) if ends.len() == 2 && ends.iter().all(Value::is_number) => {
+            format!("{} to {}", ends[0], ends[1])
+        }
+        Value::Array(components) => components
+            .iter()
+            .map(range_text)
+            .collect::<Vec<_>>()
+            .join(", "),
+        _ => "no finite value".to_owned(),
+    }
+}

@@ -1,0 +1,342 @@
+//! `vacua render`: one picture.
+
+mod heatmap;
+mod report;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use vacua::{Camera, ClipPlane, Integrator, RenderSettings, Shading, SkipMethod};
+use vacua_io::picture::{Picture, PictureFormat, write_picture};
+use vacua_render::{CpuRenderer, Jitter, Renderer as _, Rendering, Scene};
+use vacua_volume::Bounds;
+
+use self::report::Report;
+use super::choice::{FieldArgs, LookArgs};
+use super::input::InputArgs;
+use super::values::{self, Background, CameraChoice, ClipChoice, Projection, Stand};
+use super::{Failure, Wrong, output};
+
+/// Arguments of `vacua render`.
+#[derive(clap::Args, Debug)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    input: InputArgs,
+    /// The picture: .png, or .exr with linear RGBA and depth
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Print one JSON object about how the picture came to be
+    #[arg(long)]
+    json: bool,
+    /// A second picture, of how many samples each pixel took
+    #[arg(long, value_name = "OUT")]
+    heatmap: Option<PathBuf>,
+    /// Show the left half of the heat map as it is without skipping
+    #[arg(long, requires = "heatmap")]
+    heatmap_halves: bool,
+    #[command(flatten)]
+    field: FieldArgs,
+    #[command(flatten)]
+    look: LookArgs,
+    #[command(flatten)]
+    appearance: AppearanceArgs,
+    #[command(flatten)]
+    view: ViewArgs,
+    #[command(flatten)]
+    method: MethodArgs,
+}
+
+/// Light and background.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "How it looks")]
+struct AppearanceArgs {
+    /// Light surfaces by the gradient of the field
+    #[arg(long, value_enum, default_value = "none")]
+    shading: ShadingChoice,
+    /// Colour behind a .png: a CSS colour, or transparent
+    #[arg(long, value_name = "C", default_value = "black")]
+    background: Background,
+}
+
+/// From where, and how much of it.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "View")]
+struct ViewArgs {
+    /// Pixels
+    #[arg(long, value_name = "WxH", value_parser = values::picture_size, default_value = "1024x1024")]
+    size: [usize; 2],
+    /// eye=x,y,z;at=x,y,z;up=x,y,z;fov=deg (or ortho=height), or orbit=azimuth,elevation
+    #[arg(long, value_name = "CAMERA", default_value = "orbit=30,20")]
+    camera: CameraChoice,
+    /// Cut along a plane x,y,z;nx,ny,nz; keeps the side the normal points to (may be repeated)
+    #[arg(long, value_name = "PLANE", allow_hyphen_values = true)]
+    clip: Vec<ClipChoice>,
+    /// Show only what is in a world box x0,x1,y0,y1,z0,z1
+    #[arg(long, value_name = "BOX", value_parser = values::region, allow_hyphen_values = true)]
+    roi: Option<Bounds>,
+}
+
+/// How it is done.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "How it is done")]
+struct MethodArgs {
+    /// How samples become a pixel
+    #[arg(long, value_enum, default_value = "march")]
+    integrator: IntegratorChoice,
+    /// How empty space is skipped; the picture is the same
+    #[arg(long, value_enum, default_value = "auto")]
+    skip: SkipChoice,
+    /// Cells a side of a macrocell [default: measured, or 8]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u16).range(1..))]
+    macrocell: Option<u16>,
+    /// Distance between samples, in cells
+    #[arg(long, value_name = "S", value_parser = values::positive, default_value = "0.5")]
+    step: f64,
+    /// Rays a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16), default_value = "1")]
+    spp: u32,
+    /// Shift samples from pixel to pixel [default: on from two rays a pixel]
+    #[arg(long, value_enum)]
+    jitter: Option<Switch>,
+    /// What renders
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Threads [default: all there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Frames to time after one to warm up
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    repeat: Option<u32>,
+}
+
+/// Whether surfaces are lit.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum ShadingChoice {
+    /// Colours as they are.
+    None,
+    /// Lit from the camera.
+    Gradient,
+}
+
+/// How samples become a pixel.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum IntegratorChoice {
+    /// Emission and extinction, front to back.
+    March,
+    /// The largest value along the ray.
+    Mip,
+}
+
+/// How empty space is skipped.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum SkipChoice {
+    /// By what is measured to be fastest.
+    Auto,
+    /// Not at all.
+    None,
+    /// A walk over the macrocells.
+    Grid,
+    /// Clustered boxes.
+    Boxes,
+    /// The boundary mesh of the active macrocells.
+    Mesh,
+}
+
+/// On or off.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+/// What renders.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum DeviceChoice {
+    /// The fastest there is.
+    Auto,
+    /// The CPU.
+    Cpu,
+}
+
+impl MethodArgs {
+    fn settings(&self, [width, height]: [usize; 2], shading: ShadingChoice) -> RenderSettings {
+        RenderSettings {
+            width,
+            height,
+            step: self.step,
+            integrator: match self.integrator {
+                IntegratorChoice::March => Integrator::March,
+                IntegratorChoice::Mip => Integrator::MaximumIntensity,
+            },
+            shading: match shading {
+                ShadingChoice::None => Shading::None,
+                ShadingChoice::Gradient => Shading::Gradient,
+            },
+            skip: match self.skip {
+                SkipChoice::Auto => SkipMethod::Auto,
+                SkipChoice::None => SkipMethod::None,
+                SkipChoice::Grid => SkipMethod::Grid,
+                SkipChoice::Boxes => SkipMethod::Boxes,
+                SkipChoice::Mesh => SkipMethod::Mesh,
+            },
+            macrocell_side: self.macrocell.map(usize::from),
+            samples_per_pixel: self.spp,
+            jitter: match self.jitter {
+                None => Jitter::Auto,
+                Some(Switch::On) => Jitter::On,
+                Some(Switch::Off) => Jitter::Off,
+            },
+            ..RenderSettings::default()
+        }
+    }
+}
+
+/// Field of view where nothing is said, degrees.
+const DEFAULT_FOV_DEGREES: f64 = 30.0;
+
+/// The camera that the flag describes, for data within `bounds`.
+fn camera(choice: CameraChoice, bounds: Bounds) -> Result<Camera, Failure> {
+    use vacua_render::Projection as Rays;
+    let projection = |default| match choice.projection.unwrap_or(default) {
+        Projection::Perspective(fov_degrees) => Rays::Perspective { fov_degrees },
+        Projection::Orthographic(height) => Rays::Orthographic { height },
+    };
+    let perspective = Projection::Perspective(DEFAULT_FOV_DEGREES);
+    match choice.stand {
+        Stand::Place { eye, at, up } => Ok(Camera::Placed {
+            eye,
+            at: at.unwrap_or(bounds.center()),
+            up: up.unwrap_or(glam::DVec3::Y),
+            projection: projection(perspective),
+        }),
+        Stand::Orbit(azimuth, elevation) => {
+            let orbit = Camera::orbit(azimuth, elevation);
+            let Some(wanted) = choice.projection else {
+                return Ok(orbit);
+            };
+            // The middle ray and the one above it tell where this orbit is and what is up there.
+            let view = orbit
+                .view(bounds, 2, 2)
+                .map_err(|e| Failure::Other(Box::new(e)))?;
+            let (eye, forward) = view.ray(1.0, 1.0);
+            let up = view.ray(1.0, 0.0).1 - forward;
+            Ok(match wanted {
+                Projection::Perspective(fov) => Camera::framing(bounds, -forward, up, fov),
+                Projection::Orthographic(_) => Camera::Placed {
+                    eye,
+                    at: bounds.center(),
+                    up,
+                    projection: projection(wanted),
+                },
+            })
+        }
+    }
+}
+
+/// Runs `vacua render`.
+pub fn run(args: &RenderArgs) -> Result<(), Failure> {
+    args.look.check()?;
+    for path in [Some(&args.output), args.heatmap.as_ref()]
+        .into_iter()
+        .flatten()
+    {
+        PictureFormat::of(path).map_err(|e| Wrong(format!("{}: {e}", path.display())))?;
+    }
+    let settings = args
+        .method
+        .settings(args.view.size, args.appearance.shading);
+
+    let start = Instant::now();
+    let opened = args.input.open()?;
+    let volume = output::during("reading", || args.field.volume(&opened))?;
+    let load_secs = start.elapsed().as_secs_f64();
+    let transfer_function = output::during("looking at the values", || {
+        args.look.transfer_function(&volume)
+    })?;
+    let bounds = volume.geometry().bounds();
+    let mut scene =
+        Scene::new(Arc::new(volume), transfer_function).camera(camera(args.view.camera, bounds)?);
+    for clip in &args.view.clip {
+        scene = scene.clip(ClipPlane {
+            point: clip.point,
+            normal: clip.normal,
+        });
+    }
+    scene.region_of_interest = args.view.roi;
+
+    let threads = args.method.threads.map(usize::from);
+    let mut renderer = CpuRenderer::new(threads).map_err(|e| Failure::Other(Box::new(e)))?;
+    let mut render = |settings: &RenderSettings| {
+        renderer
+            .render(&scene, settings)
+            .map_err(|e| Failure::Other(Box::new(e)))
+    };
+    let first = output::during("rendering", || render(&settings))?;
+    let mut frame_secs = Vec::new();
+    for _ in 0..args.method.repeat.unwrap_or(0) {
+        frame_secs.push(
+            output::during("rendering again", || render(&settings))?
+                .report
+                .frame_secs,
+        );
+    }
+    if frame_secs.is_empty() {
+        frame_secs.push(first.report.frame_secs);
+    }
+
+    write(args, &first)?;
+    if let Some(path) = &args.heatmap {
+        let without = if args.heatmap_halves {
+            let settings = RenderSettings {
+                skip: SkipMethod::None,
+                ..settings.clone()
+            };
+            Some(render(&settings)?.frame)
+        } else {
+            None
+        };
+        let most = heatmap::write(path, &first.frame, without.as_ref())?;
+        if !args.json {
+            eprintln!("{}: 0 to {most} samples a pixel", path.display());
+        }
+    }
+    let empty = vacua::explain_blank(&scene, &settings, &first.frame);
+    if let Some(reason) = &empty {
+        eprintln!(
+            "warning: {}: the picture is empty: {reason}",
+            args.output.display()
+        );
+    }
+    if args.json {
+        let report = Report::new(
+            args,
+            &opened.path,
+            &scene,
+            &first,
+            load_secs,
+            frame_secs,
+            empty,
+        );
+        output::print_json(&report)?;
+    }
+    Ok(())
+}
+
+fn write(args: &RenderArgs, rendering: &Rendering) -> Result<(), Failure> {
+    let frame = &rendering.frame;
+    let picture = Picture {
+        width: frame.width,
+        height: frame.height,
+        rgba: &frame.rgba,
+        depth: Some(&frame.depth),
+        cost: None,
+    };
+    let background = match args.appearance.background {
+        Background::Transparent => None,
+        Background::Color(srgb) => {
+            Some(srgb.map(|c| vacua_volume::linear_from_srgb(f64::from(c)) as f32))
+        }
+    };
+    Ok(write_picture(&args.output, &picture, background)?)
+}

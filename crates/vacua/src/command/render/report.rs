@@ -1,0 +1,129 @@
+//! What `vacua render --json` prints.
+
+use std::path::Path;
+
+use serde::Serialize;
+use vacua_render::{Rendering, Scene};
+
+use super::{RenderArgs, SkipChoice};
+use crate::command::output::peak_bytes;
+
+/// How a picture came to be. All times are in seconds.
+#[derive(Serialize)]
+pub struct Report {
+    file: String,
+    output: String,
+    field: String,
+    width: usize,
+    height: usize,
+    load_secs: f64,
+    build_secs: BuildSecs,
+    frame_secs: FrameSecs,
+    /// Frames that were timed.
+    frames: usize,
+    /// Samples evaluated for one frame.
+    samples: u64,
+    skip: Skip,
+    device: &'static str,
+    threads: usize,
+    memory: Memory,
+    /// The most memory that the process held, in bytes; null where the system does not say.
+    peak_bytes: Option<u64>,
+    /// Why the picture shows nothing; null if it shows something.
+    empty: Option<String>,
+}
+
+#[derive(Serialize)]
+struct BuildSecs {
+    volume: f64,
+    macrocells: f64,
+    classify: f64,
+    skip: f64,
+    auto: f64,
+}
+
+#[derive(Serialize)]
+struct FrameSecs {
+    min: f64,
+    median: f64,
+}
+
+#[derive(Serialize)]
+struct Skip {
+    method: &'static str,
+    /// Why this method, if it was chosen automatically.
+    reason: Option<String>,
+    macrocell: usize,
+    macrocells: usize,
+    active: usize,
+}
+
+#[derive(Serialize)]
+struct Memory {
+    voxel_bytes: usize,
+    macrocell_bytes: usize,
+    skip_bytes: usize,
+}
+
+impl Report {
+    pub fn new(
+        args: &RenderArgs,
+        file: &Path,
+        scene: &Scene,
+        first: &Rendering,
+        load_secs: f64,
+        mut frame_secs: Vec<f64>,
+        empty: Option<String>,
+    ) -> Self {
+        frame_secs.sort_by(f64::total_cmp);
+        let report = &first.report;
+        let automatic = matches!(args.method.skip, SkipChoice::Auto);
+        Self {
+            file: file.display().to_string(),
+            output: args.output.display().to_string(),
+            field: scene.volume.name().to_owned(),
+            width: first.frame.width,
+            height: first.frame.height,
+            load_secs,
+            build_secs: BuildSecs {
+                volume: report.volume_secs,
+                macrocells: report.macrocells_secs,
+                classify: report.classify_secs,
+                skip: report.skip_secs,
+                auto: report.auto_secs,
+            },
+            frame_secs: FrameSecs {
+                min: frame_secs[0],
+                median: median(&frame_secs),
+            },
+            frames: frame_secs.len(),
+            samples: first.frame.total_samples(),
+            skip: Skip {
+                method: report.method.name(),
+                reason: report.reason.clone().filter(|_| automatic),
+                macrocell: report.macrocell_side,
+                macrocells: report.num_macrocells,
+                active: report.num_active,
+            },
+            device: "cpu",
+            threads: report.threads,
+            memory: Memory {
+                voxel_bytes: scene.volume.scalars().bytes().len(),
+                macrocell_bytes: report.macrocell_bytes,
+                skip_bytes: report.skip_bytes,
+            },
+            peak_bytes: peak_bytes(),
+            empty,
+        }
+    }
+}
+
+/// The middle of sorted numbers; of the two in the middle, their mean.
+fn median(sorted: &[f64]) -> f64 {
+    let middle = sorted.len() / 2;
+    if sorted.len().is_multiple_of(2) {
+        0.5 * (sorted[middle - 1] + sorted[middle])
+    } else {
+        sorted[middle]
+    }
+}

@@ -1,0 +1,400 @@
+//! The command as people meet it: what it prints, where, and with which exit code.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn vacua(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_vacua"))
+        .args(arguments)
+        .output()
+        .expect("the command starts")
+}
+
+fn data(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/data")
+        .join(name);
+    path.to_string_lossy().into_owned()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("temporary folder")
+}
+
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn succeed(arguments: &[&str]) -> Output {
+    let output = vacua(arguments);
+    assert!(
+        output.status.success(),
+        "{arguments:?}: {}",
+        stderr(&output)
+    );
+    output
+}
+
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_slice(&succeed(arguments).stdout).expect("one JSON object")
+}
+
+/// A ball of values from 255 in the middle to 0 at the corners, as a raw file.
+fn ball(folder: &Path) -> PathBuf {
+    let path = folder.join("ball_20x20x20_uint8.raw");
+    let value = |i: usize| {
+        let square = |n: usize| (n as f64 - 9.5).powi(2);
+        let r = (square(i % 20) + square(i / 20 % 20) + square(i / 400)).sqrt();
+        (255.0 * (1.0 - r / 17.0)) as u8
+    };
+    std::fs::write(&path, (0..8000).map(value).collect::<Vec<u8>>()).expect("writable");
+    path
+}
+
+fn decode(path: &Path) -> (u32, u32, Vec<u8>) {
+    let file = std::io::BufReader::new(std::fs::File::open(path).expect("was written"));
+    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let mut bytes = vec![0; reader.output_buffer_size().expect("small")];
+    let info = reader.next_frame(&mut bytes).expect("one frame");
+    bytes.truncate(info.buffer_size());
+    (info.width, info.height, bytes)
+}
+
+#[test]
+fn info_of_a_real_file() {
+    let info = json(&["info", &data("hydrogen.vti"), "--json"]);
+    assert_eq!(info["kind"], "uniform");
+    assert_eq!(info["dimensions"], serde_json::json!([64, 64, 64]));
+    assert_eq!(
+        info["bounds"],
+        serde_json::json!([0.0, 63.0, 0.0, 63.0, 0.0, 63.0])
+    );
+    let field = &info["fields"][0];
+    assert_eq!(field["association"], "point");
+    assert_eq!(field["type"], "f32");
+    assert_eq!(field["components"], 1);
+    let ends = field["range"].as_array().expect("a range");
+    assert!(ends[0].as_f64() < ends[1].as_f64(), "{ends:?}");
+
+    let output = succeed(&["info", &data("hydrogen.vti")]);
+    assert!(stdout(&output).contains("uniform grid, 64 × 64 × 64 points"));
+}
+
+#[test]
+fn info_of_raw_files() {
+    let folder = folder();
+    let path = text(&ball(folder.path()));
+    let info = json(&["info", &path, "--json"]);
+    assert_eq!(info["dimensions"], serde_json::json!([20, 20, 20]));
+    assert_eq!(info["fields"][0]["name"], "scalars");
+    let given = json(&[
+        "info",
+        &path,
+        "--dims",
+        "20x20x10",
+        "--type",
+        "u16",
+        "--endian",
+        "big",
+        "--spacing",
+        "1,1,2",
+        "--origin",
+        "-5,0,0",
+        "--json",
+    ]);
+    assert_eq!(
+        given["bounds"],
+        serde_json::json!([-5.0, 14.0, 0.0, 19.0, 0.0, 18.0])
+    );
+    assert_eq!(given["fields"][0]["type"], "u16");
+}
+
+#[test]
+fn wrong_usage_is_2() {
+    for arguments in [
+        &["info"][..],
+        &["nonsense"],
+        &["render", "a.vti"],
+        &["render", "a.vti", "-o", "a.png", "--size", "0x0"],
+        &["render", "a.vti", "-o", "a.jpg"],
+        &["render", "a.vti", "-o", "a.png", "--range", "2,1"],
+        &["render", "a.vti", "-o", "a.png", "--camera", "eye=1"],
+        &["render", "a.vti", "-o", "a.png", "--colormap", "virdis"],
+        &["render", "a.vti", "-o", "a.png", "--log", "--range", "0,1"],
+        &["render", "a.vti", "-o", "a.png", "--heatmap-halves"],
+        &["info", "a.raw", "--dims", "3x4"],
+        &["synth", "sphere", "-o", "a.raw"],
+        &["synth", "linear", "--size", "3x4", "-o", "a.raw"],
+    ] {
+        let output = vacua(arguments);
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{arguments:?}: {}",
+            stderr(&output)
+        );
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+        assert!(!output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn failures_are_1_and_say_what_once() {
+    let output = vacua(&["info", "no/such/file.vti"]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(
+        message.starts_with("error: no/such/file.vti: "),
+        "{message}"
+    );
+    assert_eq!(message.matches("No such file").count(), 1, "{message}");
+
+    let folder = folder();
+    let path = folder.path().join("plain.raw");
+    std::fs::write(&path, [0; 100]).expect("writable");
+    let output = vacua(&["info", &text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("--dims"), "{}", stderr(&output));
+
+    let output = vacua(&["info", "no/such/*.vti"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output).contains("no file matches"),
+        "{}",
+        stderr(&output)
+    );
+
+    let file = data("hydrogen.vti");
+    let target = text(&folder.path().join("a.png"));
+    let output = vacua(&["render", &file, "-o", &target, "--field", "nothing"]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(
+        message.contains("no field `nothing`; there are:"),
+        "{message}"
+    );
+    assert!(!Path::new(&target).exists());
+}
+
+#[test]
+fn a_series_has_steps() {
+    let folder = folder();
+    let path = ball(folder.path());
+    for (i, name) in ["s_9_20x20x20_uint8.raw", "s_10_20x20x20_uint8.raw"]
+        .iter()
+        .enumerate()
+    {
+        let mut bytes = std::fs::read(&path).expect("readable");
+        bytes[0] = 250 + i as u8;
+        std::fs::write(folder.path().join(name), bytes).expect("writable");
+    }
+    let pattern = text(&folder.path().join("s_*.raw"));
+    let info = json(&["info", &pattern, "--time", "1", "--json"]);
+    assert_eq!(info["time_steps"], 2);
+    assert!(
+        info["file"].as_str().expect("text").contains("s_10_"),
+        "{info}"
+    );
+
+    let series = folder.path().join("s.raw.series");
+    let list = r#"{"file-series-version": "1.0", "files": [
+        {"name": "s_9_20x20x20_uint8.raw", "time": 0.5},
+        {"name": "s_10_20x20x20_uint8.raw", "time": 1.5}]}"#;
+    std::fs::write(&series, list).expect("writable");
+    let info = json(&["info", &text(&series), "--time", "1.5", "--json"]);
+    assert_eq!(info["time_step"], 1);
+    let output = vacua(&["info", &text(&series), "--time", "7"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output).contains("times 0.5 to 1.5"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_picture_and_how_it_came_to_be() {
+    let folder = folder();
+    let file = text(&ball(folder.path()));
+    let picture = folder.path().join("ball.png");
+    let heat = folder.path().join("heat.png");
+    let report = json(&[
+        "render",
+        &file,
+        "-o",
+        &text(&picture),
+        "--size",
+        "60x40",
+        "--repeat",
+        "2",
+        "--threads",
+        "1",
+        "--heatmap",
+        &text(&heat),
+        "--heatmap-halves",
+        "--json",
+    ]);
+    for key in [
+        "frame_secs",
+        "load_secs",
+        "build_secs",
+        "samples",
+        "skip",
+        "device",
+        "threads",
+        "peak_bytes",
+    ] {
+        assert!(report.get(key).is_some(), "{key}");
+    }
+    assert!(report["frame_secs"]["min"].as_f64() <= report["frame_secs"]["median"].as_f64());
+    assert!(report["samples"].as_u64() > Some(0));
+    assert_eq!(report["threads"], 1);
+    assert_eq!(report["empty"], Value::Null);
+    let (width, height, pixels) = decode(&picture);
+    assert_eq!((width, height), (60, 40));
+    assert_eq!(&pixels[..3], [0, 0, 0]);
+    let middle = 3 * (20 * 60 + 30);
+    assert!(pixels[middle..middle + 3].iter().any(|&c| c > 100));
+    assert_eq!(decode(&heat).0, 60);
+}
+
+#[test]
+fn skipping_and_threads_are_invisible() {
+    let folder = folder();
+    let file = text(&ball(folder.path()));
+    let mut pictures = Vec::new();
+    for (skip, threads) in [("none", "1"), ("grid", "2"), ("auto", "1")] {
+        let path = folder.path().join(format!("{skip}.exr"));
+        succeed(&[
+            "render",
+            &file,
+            "-o",
+            &text(&path),
+            "--size",
+            "64x64",
+            "--skip",
+            skip,
+            "--threads",
+            threads,
+            "--opacity",
+            "150:0,250:0.5",
+            "--shading",
+            "gradient",
+        ]);
+        pictures.push(std::fs::read(path).expect("was written"));
+    }
+    assert!(pictures.iter().all(|p| *p == pictures[0]));
+}
+
+#[test]
+fn an_empty_picture_says_why() {
+    let folder = folder();
+    let file = text(&ball(folder.path()));
+    let target = text(&folder.path().join("a.png"));
+    let cases: [(&[&str], &str); 6] = [
+        (
+            &["--opacity", "1000:0,2000:1"],
+            "opacity is 0 for every value",
+        ),
+        (
+            &["--camera", "eye=100,100,100;at=200,200,200"],
+            "does not see the data",
+        ),
+        (&["--roi", "50,60,50,60,50,60"], "region of interest"),
+        (&["--clip", "0,0,100;0,0,1"], "clip plane 0"),
+        (
+            &["--integrator", "mip", "--range", "255,300"],
+            "maximum intensity",
+        ),
+        (&["--opacity", "0:1e-9,255:1e-9"], "add up to"),
+    ];
+    for (flags, expected) in cases {
+        let mut arguments = vec!["render", &file, "-o", &target, "--size", "32x32"];
+        arguments.extend(flags);
+        let message = stderr(&succeed(&arguments));
+        assert!(
+            message.contains("the picture is empty"),
+            "{flags:?}: {message}"
+        );
+        assert!(message.contains(expected), "{flags:?}: {message}");
+    }
+    let nothing = folder.path().join("nan_2x2x2_float32.raw");
+    let bytes: Vec<u8> = [f32::NAN; 8].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(&nothing, bytes).expect("writable");
+    let output = succeed(&["render", &text(&nothing), "-o", &target, "--size", "8x8"]);
+    assert!(stderr(&output).contains("finite"), "{}", stderr(&output));
+}
+
+#[test]
+fn converted_and_read_again() {
+    let folder = folder();
+    let made = text(&folder.path().join("made.nrrd"));
+    let converted = text(&folder.path().join("converted.vti"));
+    succeed(&["convert", &data("hydrogen.vti"), &made]);
+    succeed(&["convert", &made, &converted, "--compress"]);
+    let original = json(&["info", &data("hydrogen.vti"), "--json"]);
+    for file in [&made, &converted] {
+        let info = json(&["info", file, "--json"]);
+        assert_eq!(info["dimensions"], original["dimensions"]);
+        assert_eq!(info["bounds"], original["bounds"]);
+        assert_eq!(info["fields"][0]["range"], original["fields"][0]["range"]);
+    }
+}
+
+#[test]
+fn made_and_read_again() {
+    let folder = folder();
+    let made = text(&folder.path().join("made.nrrd"));
+    succeed(&["synth", "linear", "--size", "6x5x4", "-o", &made]);
+    let info = json(&["info", &made, "--json"]);
+    assert_eq!(info["dimensions"], serde_json::json!([6, 5, 4]));
+    assert_eq!(info["fields"][0]["type"], "f32");
+}
+
+#[test]
+fn transfer_functions_from_files() {
+    let folder = folder();
+    let file = text(&ball(folder.path()));
+    let map = folder.path().join("map.json");
+    let target = folder.path().join("a.png");
+    std::fs::write(
+        &map,
+        r#"[{"ColorSpace": "RGB", "RGBPoints": [0,1,0,0, 255,1,0,0], "Points": [0,0,0.5,0, 255,1,0.5,0]}]"#,
+    )
+    .expect("writable");
+    let arguments = [
+        "render",
+        &file,
+        "-o",
+        &text(&target),
+        "--size",
+        "9x9",
+        "--tf",
+        &text(&map),
+    ];
+    succeed(&arguments);
+    let (_, _, pixels) = decode(&target);
+    let middle = &pixels[3 * 40..3 * 41];
+    assert!(
+        middle[0] > 200 && middle[1] == 0 && middle[2] == 0,
+        "{middle:?}"
+    );
+    std::fs::write(&map, "[{\"RGBPoints\": [0]}]").expect("writable");
+    let output = vacua(&arguments);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output).contains("map.json: colour map 0: `RGBPoints`"),
+        "{}",
+        stderr(&output)
+    );
+}
