@@ -354,3 +354,95 @@ fn render_frames(
     }
     Ok(mean.mean())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vacua_skip::{ActiveMask, GridSkip, Macrocells, PointSource};
+    use vacua_volume::{
+        Association, ColorPoint, ComponentChoice, DataArray, Dataset, Field, FieldChoice, Geometry,
+        OpacityPoint, TransferFunction, UniformGrid,
+    };
+
+    use crate::camera::Camera;
+
+    const SIDE: usize = 3;
+
+    /// A few bright voxels in the dark.
+    fn sparse_scene(seed: u32) -> Scene {
+        let points = [13, 11, 12];
+        let voxel = |i: u32| {
+            let hash = (i ^ seed).wrapping_mul(2_654_435_761) >> 16;
+            if hash.is_multiple_of(97) { 200u8 } else { 0 }
+        };
+        let voxels: Vec<u8> = (0..points.iter().product::<usize>() as u32)
+            .map(voxel)
+            .collect();
+        let array = DataArray::from_vec(voxels, 1).expect("one component");
+        let grid = UniformGrid::new(points, glam::DVec3::ZERO, glam::DVec3::ONE).expect("a grid");
+        let field = Field::new("f", Association::Point, array);
+        let volume = Dataset::new(Geometry::Uniform(grid), vec![field])
+            .and_then(|d| d.volume(&FieldChoice::Only, ComponentChoice::Auto))
+            .expect("it fits together");
+        let colors = vec![ColorPoint {
+            value: 0.0,
+            srgb: [1.0; 3],
+        }];
+        let opacities = [(0.0, 0.0), (1.0, 0.0), (200.0, 0.9)]
+            .map(|(value, opacity)| OpacityPoint { value, opacity });
+        let look = TransferFunction::new(colors, opacities.to_vec(), 1.0, ValueScale::Linear);
+        Scene::new(volume, look.expect("in order")).camera(Camera::orbit(f64::from(seed), 20.0))
+    }
+
+    /// Whether a picture differs when macrocells count `apron` points beyond their cells.
+    fn differs(seed: u32, apron: bool) -> bool {
+        let scene = sparse_scene(seed);
+        let settings = RenderSettings {
+            width: 24,
+            height: 24,
+            skip: SkipMethod::None,
+            ..Default::default()
+        };
+        let mut report = RenderReport::default();
+        let mut stages = prepare(None, &scene, &settings, &mut report).expect("a good scene");
+        let reference = render_frames(&stages, &scene, &settings).expect("a good scene");
+        assert!(!reference.is_blank(), "something is there to be lost");
+        let lattice = Lattice::new(stages.volume.space.axes.clone(), SIDE).expect("cells");
+        let points = scene.volume.geometry().points();
+        // As if the voxels were values of cells: each belongs to one macrocell alone.
+        let (association, points) = if apron {
+            (Association::Point, points)
+        } else {
+            (Association::Cell, points.map(|n| n + 1))
+        };
+        let source = PointSource {
+            scalars: scene.volume.scalars(),
+            association,
+            points,
+            map: stages.volume.map,
+            blanked_cells: None,
+        };
+        let macrocells = Macrocells::of_grid(lattice.clone(), source);
+        let mask = ActiveMask::new(&macrocells, stages.look.activity(settings.integrator));
+        stages.skip.skipper = Box::new(GridSkip::new(lattice, mask));
+        let skipped = render_frames(&stages, &scene, &settings).expect("a good scene");
+        assert!(
+            skipped.total_samples() < reference.total_samples(),
+            "something is skipped"
+        );
+        skipped.rgba != reference.rgba
+    }
+
+    /// The negative control of `tests/skipping_is_invisible.rs`: a mistake in the ranges shows.
+    #[test]
+    fn without_the_apron_skipping_is_visible() {
+        for seed in 0..20 {
+            assert!(!differs(seed, true), "seed {seed} with the apron");
+        }
+        let visible = (0..20).filter(|&seed| differs(seed, false)).count();
+        assert!(
+            visible >= 15,
+            "only {visible} of 20 pictures show the mistake"
+        );
+    }
+}
