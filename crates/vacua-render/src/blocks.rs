@@ -244,6 +244,29 @@ mod tests {
         }
     }
 
+    #[test]
+    fn minima_of_boxes_are_safe_and_exact_for_the_smallest() {
+        let counts = [7, 1, 5];
+        let size = |x: usize, z: usize| 1.0 + ((x * 11 + z * 5) % 13) as f32;
+        let sizes = (0..35).map(|i| size(i % 7, i / 7)).collect();
+        let minima = LatticeMinima::new(counts, sizes);
+        for (a, b) in (0..35).flat_map(|a| (0..35).map(move |b| (a, b))) {
+            let (p, q) = ([a % 7, 0, a / 7], [b % 7, 0, b / 7]);
+            let mut least = f32::INFINITY;
+            for z in p[2].min(q[2])..=p[2].max(q[2]) {
+                for x in p[0].min(q[0])..=p[0].max(q[0]) {
+                    least = least.min(size(x, z));
+                }
+            }
+            let found = minima.smallest(p, q);
+            assert!(found <= least);
+            assert_eq!(found, minima.smallest(q, p));
+            if p[0].abs_diff(q[0]) <= 1 && p[2].abs_diff(q[2]) <= 1 {
+                assert_eq!(found, least);
+            }
+        }
+    }
+
     struct Collect(Vec<(u32, u32)>);
     impl Visit for Collect {
         fn pair(&mut self, pair: BlockPair) -> bool {

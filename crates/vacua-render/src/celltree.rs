@@ -307,3 +307,76 @@ impl VisitCell for LowestCell<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use vacua_simd::{Kernel, Level, dispatch_at};
+
+    struct Find<'a>(&'a CellTree, Option<&'a CellMask>, [[f32; LANES]; 3]);
+    impl Kernel for Find<'_> {
+        type Output = ([usize; LANES], [DVec3; LANES]);
+        #[inline(always)]
+        fn run<S: Simd>(self) -> Self::Output {
+            let mut lowest = LowestCell::new(self.0, self.1, self.2);
+            let at = per_axis!(a => S::F::from_array(self.2[a]));
+            self.0.visit::<S>(at, 0x7fff, &mut lowest);
+            (lowest.found, lowest.local)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_lowest_cell_of_all_is_found(
+            points in prop::array::uniform3(2usize..8),
+            disorder in prop_oneof![Just(0.0f32), 0.0f32..0.5, 0.0f32..5.0],
+            seed in any::<u32>(),
+            places in prop::array::uniform16(prop::array::uniform3(-0.1f32..1.1)),
+            holes in any::<bool>(),
+        ) {
+            let noise = |i: usize| {
+                let h = (i as u32 ^ seed).wrapping_mul(2_654_435_761).rotate_left(15);
+                (h.wrapping_mul(0x9e37_79b1) >> 8) as f32 / (1 << 24) as f32
+            };
+            let positions = (0..points.iter().product()).map(|i: usize| {
+                let at = [i % points[0], i / points[0] % points[1], i / points[0] / points[1]];
+                [0, 1, 2].map(|a| {
+                    let hole = holes && a == 0 && i % 41 == 3;
+                    let p = at[a] as f32 + disorder * noise(3 * i + a);
+                    if hole { f32::NAN } else { p }
+                })
+            });
+            let num_cells = points.iter().map(|n| n - 1).product();
+            let mut mask = CellMask::new(num_cells);
+            for cell in (0..num_cells).filter(|c| holes && c % 5 == 2) {
+                mask.blank(cell);
+            }
+            let tree = CellTree::new(points, positions.collect(), Some(&mask));
+            prop_assert_eq!(tree.num_cells(), num_cells);
+            let at = [0, 1, 2].map(|a| places.map(|p| p[a] * (points[a] - 1) as f32));
+            let expected: [Option<(usize, DVec3)>; LANES] = std::array::from_fn(|lane| {
+                let at = at.map(|x| x[lane]);
+                (0..num_cells).filter(|&c| !mask.is_blank(c)).find_map(|number| {
+                    let cell = tree.cell(number);
+                    let [lo, hi] = tree.cell_box(cell)?;
+                    let near = (0..3).all(|a| lo[a] <= at[a] && at[a] <= hi[a]);
+                    let local = near.then(|| tree.locate(cell, DVec3::from(at.map(f64::from))))??;
+                    Some((number, local))
+                })
+            });
+            for level in Level::available() {
+                let (found, local) = dispatch_at(level, Find(&tree, Some(&mask), at));
+                prop_assert_eq!(found[15], usize::MAX, "a lane that was not asked for");
+                for lane in 0..15 {
+                    let found = (found[lane] != usize::MAX).then_some((found[lane], local[lane]));
+                    prop_assert_eq!(found, expected[lane]);
+                    if disorder == 0.0 && !holes {
+                        let inside = (0..3).all(|a| (0.0..=(points[a] - 1) as f32).contains(&at[a][lane]));
+                        prop_assert!(found.is_some() || !inside, "no gaps");
+                    }
+                }
+            }
+        }
+    }
+}
