@@ -120,17 +120,17 @@ fn the_same_points_give_nearly_the_same_picture() {
 fn moving_inner_points_leaves_the_picture_of_a_linear_field() {
     let straight = render(
         &scene(uniform(), 3.0, linear),
-        0.1,
+        0.03,
         Shading::None,
         Integrator::March,
     );
     let moved = scene(Geometry::Curvilinear(positions(1.0, 0.3)), 3.0, linear);
-    let moved = render(&moved, 0.1, Shading::None, Integrator::March);
+    let moved = render(&moved, 0.03, Shading::None, Integrator::March);
     let (rms, largest) = difference(&straight, &moved);
     assert!(rms < 5e-3, "{rms}, at most {largest}");
     let other = render(
         &scene(uniform(), 3.0, |p| linear(p) + 2.0),
-        0.1,
+        0.03,
         Shading::None,
         Integrator::March,
     );
