@@ -36,6 +36,8 @@ pub(crate) enum Strides {
     Constant,
     /// The smallest cells within spans of each axis.
     Varying([SpanMinima; 3]),
+    /// The smallest cells within boxes of the lattice.
+    Lattice(LatticeMinima),
 }
 
 /// Answers "how small is the smallest cell among these" along one axis.
@@ -69,6 +71,58 @@ impl SpanMinima {
         let level = (b - a + 1).ilog2() as usize;
         let minima = &self.levels[level];
         minima[a].min(minima[b + 1 - (1 << level)])
+    }
+}
+
+/// Answers "how small is the smallest cell in this box of the lattice", from below: boxes grow to
+/// at most two nodes a side of a hierarchy.
+#[derive(Clone, Debug)]
+pub(crate) struct LatticeMinima {
+    /// Each level has half as many nodes along each axis as the one before, rounded up.
+    levels: Vec<([usize; 3], Vec<f32>)>,
+}
+
+impl LatticeMinima {
+    /// From the smallest cell at each place of the lattice, in units of the smallest of all.
+    pub fn new(counts: [usize; 3], sizes: Vec<f32>) -> Self {
+        let mut levels = vec![(counts, sizes)];
+        while let Some((below, sizes)) = levels.last().filter(|(_, sizes)| sizes.len() > 1) {
+            let counts = below.map(|n| n.div_ceil(2));
+            let mut minima = vec![f32::INFINITY; counts.iter().product()];
+            for (i, &size) in sizes.iter().enumerate() {
+                let [x, y, z] = [
+                    i % below[0],
+                    i / below[0] % below[1],
+                    i / below[0] / below[1],
+                ];
+                let least = &mut minima[x / 2 + counts[0] * (y / 2 + counts[1] * (z / 2))];
+                *least = least.min(size);
+            }
+            levels.push((counts, minima));
+        }
+        Self { levels }
+    }
+
+    /// The smallest cell between two places, both included, in either order.
+    fn smallest(&self, a: [usize; 3], b: [usize; 3]) -> f32 {
+        let mut lo = [0, 1, 2].map(|i| a[i].min(b[i]));
+        let mut hi = [0, 1, 2].map(|i| a[i].max(b[i]));
+        let mut level = 0;
+        while (0..3).any(|i| hi[i] - lo[i] > 1) {
+            lo = lo.map(|i| i / 2);
+            hi = hi.map(|i| i / 2);
+            level += 1;
+        }
+        let ([nx, ny, _], minima) = &self.levels[level];
+        let mut least = f32::INFINITY;
+        for z in lo[2]..=hi[2] {
+            for y in lo[1]..=hi[1] {
+                for x in lo[0]..=hi[0] {
+                    least = least.min(minima[x + nx * (y + ny * z)]);
+                }
+            }
+        }
+        least
     }
 }
 
@@ -111,17 +165,11 @@ impl Partition<'_> {
                         len += 1;
                     }
                 }
-                Strides::Varying(minima) => {
-                    self.split(
-                        minima,
-                        window.first_block,
-                        MAX_LEVEL,
-                        window.blocks,
-                        &mut |b| {
-                            list[len] = b;
-                            len += 1;
-                        },
-                    );
+                Strides::Varying(_) | Strides::Lattice(_) => {
+                    self.split(window.first_block, MAX_LEVEL, window.blocks, &mut |b| {
+                        list[len] = b;
+                        len += 1;
+                    });
                 }
             }
             for &block in &list[..len] {
@@ -149,32 +197,29 @@ impl Partition<'_> {
     }
 
     /// Emits the dyadic blocks within `block .. block + 2^level` of which any bit is set.
-    fn split(
-        &self,
-        minima: &[SpanMinima; 3],
-        block: u32,
-        level: u32,
-        bits: u64,
-        emit: &mut impl FnMut((u32, u32)),
-    ) {
+    fn split(&self, block: u32, level: u32, bits: u64, emit: &mut impl FnMut((u32, u32))) {
         let span = 1u32 << level;
         let here = bits >> (block % BLOCKS_PER_WINDOW);
         if here & (u64::MAX >> (64 - span)) == 0 {
             return;
         }
         let (first, last) = (block * BLOCK as u32, (block + span) * BLOCK as u32 - 1);
-        let rate_sq: f32 = (0..3)
-            .map(|a| {
-                let cell = |k| self.axes[a].cell_of(self.ray.at(a, k));
-                (self.rates[a] / minima[a].smallest(cell(first), cell(last))).powi(2)
-            })
-            .sum();
+        let cell = |a: usize, k| self.axes[a].cell_of(self.ray.at(a, k));
+        let cells = |k| [cell(0, k), cell(1, k), cell(2, k)];
+        let sizes = match self.strides {
+            Strides::Constant => [1.0; 3],
+            Strides::Varying(minima) => {
+                [0, 1, 2].map(|a| minima[a].smallest(cell(a, first), cell(a, last)))
+            }
+            Strides::Lattice(minima) => [minima.smallest(cells(first), cells(last)); 3],
+        };
+        let rate_sq: f32 = (0..3).map(|a| (self.rates[a] / sizes[a]).powi(2)).sum();
         let finest_sq: f32 = self.rates.iter().map(|r| r * r).sum();
         if level == 0 || rate_sq * (span as f32).powi(2) <= finest_sq {
             emit((first, span));
         } else {
-            self.split(minima, block, level - 1, bits, emit);
-            self.split(minima, block + span / 2, level - 1, bits, emit);
+            self.split(block, level - 1, bits, emit);
+            self.split(block + span / 2, level - 1, bits, emit);
         }
     }
 }
@@ -195,6 +240,29 @@ mod tests {
                 let least = sizes[a..=b].iter().copied().fold(f32::INFINITY, f32::min);
                 assert_eq!(minima.smallest(a, b), least);
                 assert_eq!(minima.smallest(b, a), least);
+            }
+        }
+    }
+
+    #[test]
+    fn minima_of_boxes_are_safe_and_exact_for_the_smallest() {
+        let counts = [7, 1, 5];
+        let size = |x: usize, z: usize| 1.0 + ((x * 11 + z * 5) % 13) as f32;
+        let sizes = (0..35).map(|i| size(i % 7, i / 7)).collect();
+        let minima = LatticeMinima::new(counts, sizes);
+        for (a, b) in (0..35).flat_map(|a| (0..35).map(move |b| (a, b))) {
+            let (p, q) = ([a % 7, 0, a / 7], [b % 7, 0, b / 7]);
+            let mut least = f32::INFINITY;
+            for z in p[2].min(q[2])..=p[2].max(q[2]) {
+                for x in p[0].min(q[0])..=p[0].max(q[0]) {
+                    least = least.min(size(x, z));
+                }
+            }
+            let found = minima.smallest(p, q);
+            assert!(found <= least);
+            assert_eq!(found, minima.smallest(q, p));
+            if p[0].abs_diff(q[0]) <= 1 && p[2].abs_diff(q[2]) <= 1 {
+                assert_eq!(found, least);
             }
         }
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use vacua_simd::WideMap;
 use vacua_skip::{
     ActiveMask, Activity, BoxSkip, GridSkip, Lattice, Macrocells, MeshSkip, NoSkip, PointSource,
     Skipper,
@@ -13,7 +14,9 @@ use vacua_volume::{
 };
 
 use crate::blocks::Strides;
+use crate::curvilinear::{CellValues, CurvilinearCells};
 use crate::error::RenderError;
+use crate::sampler::Voxels;
 use crate::scene::{Integrator, SkipMethod};
 use crate::space::RaySpace;
 
@@ -23,6 +26,8 @@ pub(crate) struct VolumeStage {
     pub volume: Arc<Volume>,
     pub scale: ValueScale,
     pub space: RaySpace,
+    /// Where the cells are, if not between axis-aligned planes.
+    pub curvilinear: Option<CurvilinearCells>,
     pub strides: Strides,
     /// Range of the finite values; `None` if there are none.
     pub range: Option<ValueRange>,
@@ -35,10 +40,15 @@ pub(crate) struct VolumeStage {
 impl VolumeStage {
     /// Prepares a volume for transfer functions of one scale.
     pub fn new(volume: Arc<Volume>, scale: ValueScale) -> Result<Self, RenderError> {
+        let mut curvilinear = None;
         let space = match &**volume.geometry() {
             Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
             Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
-            Geometry::Curvilinear(_) => return Err(RenderError::NoPositions),
+            Geometry::Curvilinear(grid) => {
+                let mask = volume.blanked_cells().map(|m| &**m);
+                let cells = curvilinear.insert(CurvilinearCells::new(grid, mask)?);
+                cells.space.clone()
+            }
         };
         let range = volume.scalars().range(0);
         let map = match (scale, range) {
@@ -47,12 +57,16 @@ impl VolumeStage {
             }
             _ => ValueMap::IDENTITY,
         };
-        let strides = Strides::new(&space.axes, space.finest.to_array());
+        let strides = match &curvilinear {
+            Some(cells) => cells.strides()?,
+            None => Strides::new(&space.axes, space.finest.to_array()),
+        };
         let macrocells = BTreeMap::new();
         Ok(Self {
             volume,
             scale,
             space,
+            curvilinear,
             strides,
             range,
             map,
@@ -76,6 +90,10 @@ impl VolumeStage {
             Some((finer, cells)) => cells.coarser(side / finer)?,
             None => {
                 let lattice = Lattice::new(self.space.axes.clone(), side)?;
+                if let Some(cells) = &self.curvilinear {
+                    let cells = Arc::new(cells.macrocells(lattice, &self.cell_values()));
+                    return Ok(self.keep(side, cells, start));
+                }
                 let source = PointSource {
                     scalars: self.volume.scalars(),
                     association: self.volume.association(),
@@ -86,10 +104,32 @@ impl VolumeStage {
                 Macrocells::of_grid(lattice, source)
             }
         };
-        let cells = Arc::new(cells);
+        Ok(self.keep(side, Arc::new(cells), start))
+    }
+
+    /// Keeps macrocells that took from `start` until now.
+    fn keep(&mut self, side: usize, cells: Arc<Macrocells>, start: Instant) -> Arc<Macrocells> {
         self.macrocells.insert(side, cells.clone());
         self.macrocell_secs += start.elapsed().as_secs_f64();
-        Ok(cells)
+        cells
+    }
+
+    /// How stored values become those rendered; `None` for the identity.
+    pub fn wide_map(&self) -> Option<WideMap> {
+        (!self.map.is_identity()).then_some(WideMap {
+            offset: self.map.offset,
+            factor: self.map.factor,
+        })
+    }
+
+    /// The values as samplers of single cells take them.
+    pub fn cell_values(&self) -> CellValues<'_> {
+        CellValues {
+            voxels: Voxels::of(self.volume.scalars()),
+            association: self.volume.association(),
+            map: self.wide_map(),
+            blanked_cells: self.volume.blanked_cells().map(|m| &**m),
+        }
     }
 
     /// Bytes of all macrocells.

@@ -2,11 +2,12 @@
 //! neighbouring rays find each other's voxels in the cache.
 
 use rayon::prelude::*;
-use vacua_simd::{Kernel, Simd, WideMap, dispatch};
+use vacua_simd::{Kernel, Simd, dispatch};
 use vacua_skip::{Lattice, Skipper};
 use vacua_volume::{Association, TransferTable};
 
 use crate::blocks::{Partition, Strides};
+use crate::curvilinear::CurvilinearSampler;
 use crate::frame::Frame;
 use crate::march::{Composite, Maximum, RayResult};
 use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
@@ -40,10 +41,12 @@ pub(crate) struct Pass<'a> {
 /// Renders all rays of a pass into a frame.
 pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Frame) {
     let scalars = volume.volume.scalars();
-    let map = (!volume.map.is_identity()).then_some(WideMap {
-        offset: volume.map.offset,
-        factor: volume.map.factor,
-    });
+    if let Some(cells) = &volume.curvilinear {
+        let values = volume.cell_values();
+        bands(pass, &CurvilinearSampler { cells, values }, frame);
+        return;
+    }
+    let map = volume.wide_map();
     let blanked_cells = volume.volume.blanked_cells().map(|m| &**m);
     let axes = &volume.space.axes;
     let grid = Grid {

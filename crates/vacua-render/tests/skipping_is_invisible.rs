@@ -11,9 +11,9 @@ use vacua_render::{
     Renderer, Scene, Shading, SkipMethod,
 };
 use vacua_volume::{
-    Association, Bounds, CellMask, ColorPoint, ComponentChoice, DataArray, Dataset, Field,
-    FieldChoice, Geometry, OpacityPoint, RectilinearGrid, Scalar, ScalarType, TransferFunction,
-    UniformGrid, ValueScale, dispatch_scalar,
+    Association, Bounds, CellMask, ColorPoint, ComponentChoice, CurvilinearGrid, DataArray,
+    Dataset, Field, FieldChoice, Geometry, OpacityPoint, RectilinearGrid, Scalar, ScalarType,
+    TransferFunction, UniformGrid, ValueScale, dispatch_scalar,
 };
 
 #[derive(Clone, Debug)]
@@ -22,6 +22,8 @@ struct Case {
     scalar_type: ScalarType,
     association: Association,
     stretch: Option<f64>,
+    /// Turn from layer to layer and disorder of a curvilinear grid.
+    twist: Option<[f64; 2]>,
     spacing: [f64; 3],
     seed: u32,
     sparsity: u32,
@@ -77,6 +79,7 @@ fn case() -> impl Strategy<Value = Case> {
         scalar_type: d.1,
         association: d.2,
         stretch: d.3,
+        twist: None,
         spacing: d.4,
         seed: d.5,
         sparsity: d.6,
@@ -95,6 +98,49 @@ fn case() -> impl Strategy<Value = Case> {
         clip: v.7,
         roi: v.8,
     })
+}
+
+/// The same on curvilinear grids, from neat to so disordered that cells overlap and fold.
+fn curvilinear_case() -> impl Strategy<Value = Case> {
+    let twist = (
+        -0.2f64..0.2,
+        prop_oneof![Just(0.0), 0.0f64..0.4, 0.0f64..3.0],
+    );
+    (case(), twist).prop_map(|(case, (turn, disorder))| Case {
+        points: case.points.map(|n| n.min(9)),
+        twist: Some([turn, disorder]),
+        step: case.step.max(0.3),
+        ..case
+    })
+}
+
+/// A lattice that turns about z as it rises, stretched along x, its points moved at random; a few
+/// are nowhere if there are to be holes.
+fn twisted(case: &Case, [turn, disorder]: [f64; 2]) -> CurvilinearGrid {
+    let [nx, ny, _] = case.points;
+    let ratio = case.stretch.unwrap_or(1.0);
+    let xyz: Vec<f64> = (0..case.points.iter().product())
+        .flat_map(|i: usize| {
+            let noise = |a: usize| {
+                let h = (i as u32 * 3 + a as u32) ^ case.seed;
+                let h = h
+                    .wrapping_mul(2_654_435_761)
+                    .rotate_left(13)
+                    .wrapping_mul(0x9e37_79b1);
+                disorder * (f64::from(h >> 8) / f64::from(1 << 24) - 0.5)
+            };
+            let at = [i % nx, i / nx % ny, i / nx / ny].map(|c| c as f64);
+            let x = case.spacing[0] * (ratio.powf(at[0]) * (at[0] + 1.0) + noise(0));
+            let y = case.spacing[1] * (at[1] + noise(1));
+            let z = case.spacing[2] * (at[2] + noise(2));
+            let (sin, cos) = (turn * at[2]).sin_cos();
+            let nowhere = case.holes && i % 37 == 5;
+            let z = if nowhere { f64::NAN } else { z };
+            [100.0 + cos * x - sin * y, sin * x + cos * y, z]
+        })
+        .collect();
+    let positions = DataArray::from_vec(xyz, 3).expect("three components");
+    CurvilinearGrid::new(case.points, positions).expect("a position a point")
 }
 
 /// Values that occur: few, so that knots meet them.
@@ -126,8 +172,9 @@ fn scene(case: &Case) -> Scene {
         DataArray::from_vec(values.map(<T as Scalar>::from_f64).collect::<Vec<T>>(), 1)
     })
     .expect("one component");
-    let geometry = match case.stretch {
-        None => Geometry::Uniform(
+    let geometry = match (case.twist, case.stretch) {
+        (Some(twist), _) => Geometry::Curvilinear(twisted(case, twist)),
+        (None, None) => Geometry::Uniform(
             UniformGrid::new(
                 case.points,
                 DVec3::new(-3.0, 0.5, 10.0),
@@ -135,7 +182,7 @@ fn scene(case: &Case) -> Scene {
             )
             .expect("a good grid"),
         ),
-        Some(ratio) => {
+        (None, Some(ratio)) => {
             let planes = |a: usize| {
                 let mut x = vec![-1.0];
                 for i in 1..case.points[a] {
@@ -283,20 +330,30 @@ fn check(renderers: &mut [CpuRenderer], case: &Case) -> Result<(), TestCaseError
     Ok(())
 }
 
-#[test]
-fn in_ten_thousand_random_scenes() {
+/// Checks that many random scenes.
+fn check_all(cases: u32, case: impl Strategy<Value = Case>) {
     let mut renderers = [
         CpuRenderer::new(Some(1)).expect("a thread"),
         CpuRenderer::new(Some(3)).expect("threads"),
     ];
     let config = ProptestConfig {
-        cases: 10_000,
+        cases,
         ..ProptestConfig::default()
     };
     let mut runner = proptest::test_runner::TestRunner::new(config);
     let renderers = std::cell::RefCell::new(&mut renderers);
-    let result = runner.run(&case(), |case| check(&mut **renderers.borrow_mut(), &case));
+    let result = runner.run(&case, |case| check(&mut **renderers.borrow_mut(), &case));
     if let Err(error) = result {
         panic!("{error}");
     }
+}
+
+#[test]
+fn in_ten_thousand_random_scenes() {
+    check_all(10_000, case());
+}
+
+#[test]
+fn in_random_curvilinear_scenes() {
+    check_all(400, curvilinear_case());
 }

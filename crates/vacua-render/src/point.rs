@@ -1,0 +1,200 @@
+//! Values at single points of the world, positions and values in `f64` throughout: what `sample`
+//! prints, and an oracle for the samplers that render.
+//!
+//! The conventions are those of rendering: point data is trilinear, cell data constant in a cell;
+//! nothing outside the grid, in blanked cells, and in cells with a corner that is not a finite
+//! number. Outer faces belong to the grid, give or take the rounding of coordinates.
+
+use glam::{DMat3, DVec3};
+use vacua_simd::{Float, LANES, Portable, Simd};
+use vacua_volume::{Association, CurvilinearGrid, Geometry, RectilinearGrid, UniformGrid, Volume};
+
+use crate::celltree::{VisitCell, corner_points};
+use crate::curvilinear::CurvilinearCells;
+use crate::error::RenderError;
+use crate::hexahedron;
+
+/// How far outside the grid a point may be, in units of the rounding of its coordinates.
+const FACE_TOLERANCE: f64 = 4.0 * f64::EPSILON;
+
+/// Gives the values of a volume at points of the world.
+#[derive(Clone, Debug)]
+pub struct VolumeSampler {
+    volume: Volume,
+    locator: Locator,
+}
+
+/// What finding cells takes beyond the geometry.
+#[derive(Clone, Debug)]
+enum Locator {
+    /// Maps offsets from point 0 to index space.
+    Uniform {
+        index_from_offset: DMat3,
+    },
+    Rectilinear,
+    Curvilinear(Box<CurvilinearCells>),
+}
+
+/// A cell, and where in it, in `[0, 1]` along each of its axes.
+type Place = ([usize; 3], DVec3);
+
+impl VolumeSampler {
+    /// Prepares a volume, whose values are shared, not copied.
+    ///
+    /// Cost: nothing but for curvilinear grids, whose cells are put in a hierarchy.
+    ///
+    /// # Errors
+    /// [`RenderError::NoPositions`] for a curvilinear grid of which no point is anywhere.
+    pub fn new(volume: &Volume) -> Result<Self, RenderError> {
+        let locator = match &**volume.geometry() {
+            Geometry::Uniform(grid) => Locator::Uniform {
+                index_from_offset: grid.world_from_index().matrix3.inverse(),
+            },
+            Geometry::Rectilinear(_) => Locator::Rectilinear,
+            Geometry::Curvilinear(grid) => {
+                let mask = volume.blanked_cells().map(|m| &**m);
+                Locator::Curvilinear(Box::new(CurvilinearCells::new(grid, mask)?))
+            }
+        };
+        Ok(Self {
+            volume: volume.clone(),
+            locator,
+        })
+    }
+
+    /// The value at a point of the world; `None` where there is none.
+    pub fn sample(&self, world: DVec3) -> Option<f64> {
+        let place = match (&**self.volume.geometry(), &self.locator) {
+            (Geometry::Uniform(grid), Locator::Uniform { index_from_offset }) => {
+                in_uniform(grid, index_from_offset, world)
+            }
+            (Geometry::Rectilinear(grid), _) => in_rectilinear(grid, world),
+            (Geometry::Curvilinear(grid), Locator::Curvilinear(cells)) => {
+                self.in_curvilinear(grid, cells, world)
+            }
+            _ => unreachable!("the locator was made for the geometry"),
+        };
+        let (cell, at) = place?;
+        let number = self.number(cell);
+        if !self.is_seen(number) {
+            return None;
+        }
+        let scalars = self.volume.scalars();
+        let value = match self.volume.association() {
+            Association::Cell => scalars.get_f64(number, 0),
+            Association::Point => {
+                let points = corner_points(self.volume.geometry().points(), cell);
+                let v = points.map(|p| scalars.get_f64(p, 0));
+                if !v.iter().all(|v| v.is_finite()) {
+                    return None;
+                }
+                let lerp = |t: f64, a: f64, b: f64| a + t * (b - a);
+                let front = lerp(at.y, lerp(at.x, v[0], v[1]), lerp(at.x, v[2], v[3]));
+                let back = lerp(at.y, lerp(at.x, v[4], v[5]), lerp(at.x, v[6], v[7]));
+                lerp(at.z, front, back)
+            }
+        };
+        value.is_finite().then_some(value)
+    }
+
+    /// Number of a cell.
+    fn number(&self, [x, y, z]: [usize; 3]) -> usize {
+        let [nx, ny, _] = self.volume.geometry().points();
+        x + (nx - 1) * (y + (ny - 1) * z)
+    }
+
+    /// Whether a cell is not blanked.
+    fn is_seen(&self, number: usize) -> bool {
+        let mask = self.volume.blanked_cells();
+        mask.is_none_or(|mask| !mask.is_blank(number))
+    }
+
+    /// The cell with the lowest number among those that contain a point.
+    fn in_curvilinear(
+        &self,
+        grid: &CurvilinearGrid,
+        cells: &CurvilinearCells,
+        world: DVec3,
+    ) -> Option<Place> {
+        let at = cells.space.ray_from_world.transform_point3(world);
+        let mut lowest = LowestExactly {
+            sampler: self,
+            grid,
+            world,
+            scale: cells.space.ray_from_world.matrix3.x_axis.x,
+            found: None,
+        };
+        let splat = |x: f64| <Portable as Simd>::F::from_array([x as f32; LANES]);
+        let at = [splat(at.x), splat(at.y), splat(at.z)];
+        cells.tree.visit::<Portable>(at, 1, &mut lowest);
+        lowest.found.map(|(_, place)| place)
+    }
+}
+
+/// The cell with the lowest number, by positions in `f64`.
+struct LowestExactly<'a> {
+    sampler: &'a VolumeSampler,
+    grid: &'a CurvilinearGrid,
+    world: DVec3,
+    /// Makes cells about 1 in size.
+    scale: f64,
+    found: Option<(usize, Place)>,
+}
+
+impl VisitCell for LowestExactly<'_> {
+    fn cell(&mut self, cell: [usize; 3], _lanes: u16) {
+        let number = self.sampler.number(cell);
+        let known = self.found.is_some_and(|(found, _)| found <= number);
+        if known || !self.sampler.is_seen(number) {
+            return;
+        }
+        let corners = corner_points(self.grid.points(), cell)
+            .map(|point| (self.grid.position(point) - self.world) * self.scale);
+        if let Some(at) = hexahedron::locate(&corners) {
+            self.found = Some((number, (cell, at)));
+        }
+    }
+}
+
+/// The cell of a point of a uniform grid.
+fn in_uniform(grid: &UniformGrid, index_from_offset: &DMat3, world: DVec3) -> Option<Place> {
+    let origin = grid.world_from_index().translation;
+    let index = *index_from_offset * (world - origin);
+    let points = grid.points();
+    // What rounding each world coordinate by one unit does to the index, and the index's own.
+    let coordinates = world.abs().max(origin.abs());
+    let rows = index_from_offset.transpose();
+    let mut place = ([0; 3], DVec3::ZERO);
+    for a in 0..3 {
+        let last = (points[a] - 1) as f64;
+        let tolerance = FACE_TOLERANCE * (rows.col(a).abs().dot(coordinates) + last);
+        if !(index[a] >= -tolerance && index[a] <= last + tolerance) {
+            return None;
+        }
+        let cell = index[a].floor().clamp(0.0, last - 1.0);
+        place.0[a] = cell as usize;
+        place.1[a] = (index[a] - cell).clamp(0.0, 1.0);
+    }
+    Some(place)
+}
+
+/// The cell of a point of a rectilinear grid.
+fn in_rectilinear(grid: &RectilinearGrid, world: DVec3) -> Option<Place> {
+    let mut place = ([0; 3], DVec3::ZERO);
+    for a in 0..3 {
+        let planes = grid.coordinates(a);
+        let (first, last) = (planes[0], planes[planes.len() - 1]);
+        let tolerance = FACE_TOLERANCE * first.abs().max(last.abs());
+        if !(world[a] >= first - tolerance && world[a] <= last + tolerance) {
+            return None;
+        }
+        let cell = planes
+            .partition_point(|&p| p <= world[a])
+            .saturating_sub(1)
+            .min(planes.len() - 2);
+        let (lo, hi) = (planes[cell], planes[cell + 1]);
+        place.0[a] = cell;
+        place.1[a] = ((world[a] - lo) / (hi - lo)).clamp(0.0, 1.0);
+    }
+    Some(place)
+}
