@@ -10,7 +10,7 @@ use vacua_skip::{
 use vacua_synth::{Kind, Spec, generate};
 use vacua_volume::{
     ColorPoint, ComponentChoice, FieldChoice, TransferFunction, TransferFunctionError,
-    TransferTable, ValueMap, Volume,
+    TransferTable, ValueMap, ValueRange, Volume,
 };
 
 use crate::cell::Cell;
@@ -112,8 +112,9 @@ pub(crate) enum Built {
 
 /// Macrocells with all that classifies them.
 pub(crate) struct Ready<'a> {
-    volume: &'a Volume,
     look: &'a TransferFunction,
+    /// Of the values, known once a volume.
+    range: ValueRange,
     map: ValueMap,
     lattice: Lattice,
     /// The ranges.
@@ -132,7 +133,7 @@ pub(crate) struct Counts {
 impl<'a> Ready<'a> {
     /// Computes macrocells, `repeats` times.
     pub fn new(
-        volume: &'a Volume,
+        volume: &Volume,
         look: &'a TransferFunction,
         side: usize,
         repeats: usize,
@@ -142,7 +143,8 @@ impl<'a> Ready<'a> {
             .points()
             .map(|n| Axis::Unit { cells: n - 1 });
         let lattice = Lattice::new(axes, side)?;
-        let map = match volume.scalars().range(0) {
+        let range = volume.scalars().range(0);
+        let map = match range {
             Some(range) => ValueMap::for_range(volume.scalars().scalar_type(), range),
             None => ValueMap::IDENTITY,
         };
@@ -157,8 +159,8 @@ impl<'a> Ready<'a> {
         let (macrocells, _) = build();
         let macrocell_secs = median((0..repeats).map(|_| build().1).collect());
         Ok(Self {
-            volume,
             look,
+            range: range.unwrap_or(look.domain()),
             map,
             lattice,
             macrocells,
@@ -168,9 +170,7 @@ impl<'a> Ready<'a> {
 
     /// Transfer table and mask, as an edit makes them.
     fn classify(&self) -> ActiveMask {
-        let range = self.volume.scalars().range(0);
-        let range = range.unwrap_or(self.look.domain());
-        let table = TransferTable::new(self.look, range, self.map);
+        let table = TransferTable::new(self.look, self.range, self.map);
         ActiveMask::new(&self.macrocells, Activity::Extinction(&table))
     }
 
