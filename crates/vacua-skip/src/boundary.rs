@@ -64,6 +64,11 @@ impl BoundaryMesh {
         Self { counts, quads }
     }
 
+    /// Macrocells along each axis of the mask it bounds.
+    pub fn counts(&self) -> [usize; 3] {
+        self.counts
+    }
+
     /// The faces.
     pub fn quads(&self) -> &[Quad] {
         &self.quads

@@ -65,10 +65,16 @@ impl BoxSkip {
             mask.counts(),
             "mask and lattice belong together"
         );
+        Self::from_boxes(lattice, &cluster_boxes(mask))
+    }
+
+    /// Builds a hierarchy over macrocell ranges `[lo, hi)`, as [`cluster_boxes`] makes them; what
+    /// reaches beyond the lattice is cut off.
+    pub fn from_boxes(lattice: &Lattice, boxes: &[[[usize; 3]; 2]]) -> Self {
         let plane = |p: [usize; 3]| [0, 1, 2].map(|a| lattice.plane(a, p[a]));
-        let boxes: Vec<[[f32; 3]; 2]> = cluster_boxes(mask)
-            .into_iter()
-            .map(|[lo, hi]| [plane(lo), plane(hi)])
+        let boxes: Vec<[[f32; 3]; 2]> = boxes
+            .iter()
+            .map(|&[lo, hi]| [plane(lo), plane(hi)])
             .collect();
         let hierarchy = Hierarchy::new(&boxes);
         Self { boxes, hierarchy }

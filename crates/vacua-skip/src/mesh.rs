@@ -69,12 +69,19 @@ impl MeshSkip {
     /// # Panics
     /// If the mask belongs to another lattice.
     pub fn new(lattice: Lattice, mask: ActiveMask) -> Self {
-        assert_eq!(
-            lattice.counts(),
-            mask.counts(),
-            "mask and lattice belong together"
-        );
         let mesh = BoundaryMesh::new(&mask);
+        Self::from_boundary(lattice, mask, mesh)
+    }
+
+    /// Builds a hierarchy over a boundary that has been extracted already, which must be that of
+    /// `mask`.
+    ///
+    /// # Panics
+    /// If mask or boundary belong to another lattice.
+    pub fn from_boundary(lattice: Lattice, mask: ActiveMask, mesh: BoundaryMesh) -> Self {
+        let counts = lattice.counts();
+        assert_eq!(counts, mask.counts(), "mask and lattice belong together");
+        assert_eq!(counts, mesh.counts(), "mesh and lattice belong together");
         let faces: Vec<Face> = mesh
             .quads()
             .iter()
