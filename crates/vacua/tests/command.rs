@@ -398,3 +398,26 @@ fn transfer_functions_from_files() {
         stderr(&output)
     );
 }
+
+#[test]
+fn sample_gives_values_at_points() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let points = folder.path().join("points.csv");
+    std::fs::write(&points, "x,y,z\n1,2,3\n1.5,2,3\n-5,0,0\n").expect("written");
+    let file = folder.path().join("ramp_4x4x5_uint8.raw");
+    let voxels: Vec<u8> = (0..80u8).map(|i| 10 * (i % 4)).collect();
+    std::fs::write(&file, voxels).expect("written");
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_vacua"))
+        .arg("sample")
+        .arg(&file)
+        .arg("--points")
+        .arg(&points)
+        .output()
+        .expect("it runs");
+    assert!(output.status.success(), "{output:?}");
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert_eq!(
+        text,
+        "x,y,z,inside,value\n1,2,3,1,10\n1.5,2,3,1,15\n-5,0,0,0,\n"
+    );
+}

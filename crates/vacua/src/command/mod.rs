@@ -10,7 +10,9 @@ mod demo;
 mod info;
 mod input;
 mod output;
+mod points;
 mod render;
+mod sample;
 mod synth;
 mod values;
 
@@ -41,6 +43,8 @@ enum Command {
     Info(info::InfoArgs),
     /// One picture of a file's data
     Render(Box<render::RenderArgs>),
+    /// Values at points, as CSV
+    Sample(Box<sample::SampleArgs>),
     /// From one file format to another
     Convert(Box<convert::ConvertArgs>),
     /// Procedural volumes of any size
@@ -118,6 +122,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Sample(args) => sample::run(&args),
         Command::Convert(args) => convert::run(*args),
         Command::Synth(args) => synth::run(&args),
     };
