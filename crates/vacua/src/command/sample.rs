@@ -42,9 +42,9 @@ pub fn run(args: &SampleArgs) -> Result<(), Failure> {
             // What is wrong with the points is no trouble of the file that is written.
             let mut trouble = None;
             let written = write_atomically(path, |out| {
-                sample(&sampler, points, &args.points, out).or_else(|failure| {
+                sample(&sampler, points, &args.points, out).map_err(|failure| {
                     trouble = Some(failure);
-                    Err(std::io::Error::other("no values"))
+                    std::io::Error::other("no values")
                 })
             });
             match trouble {
