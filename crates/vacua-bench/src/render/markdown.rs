@@ -1,6 +1,6 @@
 //! Prints the figures of the benchmark scene.
 
-use super::{EditResult, FrameResult, MacrocellResult, RenderResults};
+use super::{EDIT_REPEATS, EditResult, FrameResult, MacrocellResult, RenderResults};
 use crate::cell::{Footnotes, count, digits, head, line, seconds};
 
 /// All tables.
@@ -9,8 +9,12 @@ pub(super) fn all(results: &RenderResults) -> String {
     let mut text = String::from("# The benchmark scene `shells256`\n\n");
     text += &results.machine.markdown();
     text += &format!(
-        "\nPictures of {}×{}, step 0.5, volumes at {} of their sizes a side, medians of {}.\n",
-        options.size.0, options.size.1, options.scale, options.repeats,
+        "\nPictures of {}×{}, step 0.5, volumes at {} of their sizes a side, medians of {} (of edits: {}).\n",
+        options.size.0,
+        options.size.1,
+        options.scale,
+        options.repeats,
+        EDIT_REPEATS * options.repeats,
     );
     text += &frames(&results.frames);
     text += &macrocells(&results.macrocells);
@@ -75,7 +79,7 @@ fn edits(results: &[EditResult]) -> String {
         "T_tris",
         "T_BVH",
         "T_total",
-        "target",
+        "target at scale 1",
     ];
     text += &head(&names, 2);
     for edit in results {

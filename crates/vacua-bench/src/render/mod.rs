@@ -25,6 +25,9 @@ const SHELLS_POINTS: usize = 256;
 /// Points a side of the volume whose macrocells are timed.
 const MACROCELL_POINTS: usize = 512;
 
+/// Edits are short: so many times more of them are measured.
+const EDIT_REPEATS: usize = 3;
+
 /// Edits: stand-in, part of its full size, K, method, seconds to stay within. A quarter of the
 /// size with a quarter of K has the paper's macrocells at K = 16.
 const EDITS: [(Kind, f64, usize, Method, f64); 4] = [
@@ -375,8 +378,7 @@ fn edit(
             macrocells: Cell::Value(ready.macrocells.lattice().len() as u64),
             active: Cell::Value(counts.active),
             triangles: Cell::Value(counts.triangles),
-            // Edits are short: more of them cost nothing.
-            times: ready.edit(built, 3 * options.repeats),
+            times: ready.edit(built, EDIT_REPEATS * options.repeats),
             target_secs,
         })
     };
