@@ -3,7 +3,7 @@
 //! Source: Wald, Morrical, Zellmann, *A Memory Efficient Encoding for Ray Tracing Large Unstructured
 //! Data* ("paper B").
 //!
-//! [`encode`] turns a [`vacua_volume::UnstructuredMesh`] into a [`PackedMesh`]: sub-meshes of at most
+//! [`encode()`] turns a [`vacua_volume::UnstructuredMesh`] into a [`PackedMesh`]: sub-meshes of at most
 //! 2^N vertices, tetrahedra in pairs of five indices, leaves without item lists, nodes of eight
 //! children with boxes quantised twice. Geometry is immutable; [`PackedField`]s bring values and
 //! their ranges along, each on its own. [`Locator`] finds the cell at a position and the weights of

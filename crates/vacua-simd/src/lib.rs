@@ -1,6 +1,6 @@
 //! Sixteen lanes of `f32`: two blocks of eight consecutive samples of a ray in one vector.
 //!
-//! Kernels are written once, generic over [`Simd`], and run through [`dispatch`], which picks the
+//! Kernels are written once, generic over [`Simd`], and run through [`dispatch()`], which picks the
 //! widest instruction set of the machine at run time. All operations are IEEE 754 operations with
 //! one rounding (fused multiply-add included), so every instruction set computes the same bits;
 //! the tests compare them. [`Portable`] is the scalar twin: plain arrays, on every machine.
