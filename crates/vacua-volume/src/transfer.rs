@@ -190,14 +190,14 @@ impl TransferFunction {
 
     /// sRGB-encoded colour at a value; values beyond the ends clamp.
     pub fn srgb_at(&self, value: f64) -> [f64; 3] {
-        let (a, b, t) = self.bracket(value, self.colors.iter().map(|c| c.value));
+        let (a, b, t) = self.bracket(value, self.colors.len(), |i| self.colors[i].value);
         let (a, b) = (self.colors[a].srgb, self.colors[b].srgb);
         [0, 1, 2].map(|c| a[c] + t * (b[c] - a[c]))
     }
 
     /// Opacity per reference length at a value; values beyond the ends clamp.
     pub fn opacity_at(&self, value: f64) -> f64 {
-        let (a, b, t) = self.bracket(value, self.opacities.iter().map(|o| o.value));
+        let (a, b, t) = self.bracket(value, self.opacities.len(), |i| self.opacities[i].value);
         let (a, b) = (self.opacities[a].opacity, self.opacities[b].opacity);
         a + t * (b - a)
     }
@@ -207,17 +207,30 @@ impl TransferFunction {
         -(-self.opacity_at(value).min(MAX_OPACITY)).ln_1p() / self.unit_length
     }
 
-    /// The two points around a value and the fraction between them.
-    fn bracket(&self, value: f64, values: impl Iterator<Item = f64>) -> (usize, usize, f64) {
-        let values: Vec<f64> = values.collect();
-        let after = values.partition_point(|&v| v <= value);
+    /// The two points around a value, among as many as `len` at `value_of`, and the fraction between
+    /// them.
+    fn bracket(
+        &self,
+        value: f64,
+        len: usize,
+        value_of: impl Fn(usize) -> f64,
+    ) -> (usize, usize, f64) {
+        let (mut after, mut end) = (0, len);
+        while after < end {
+            let middle = (after + end) / 2;
+            if value_of(middle) <= value {
+                after = middle + 1
+            } else {
+                end = middle
+            }
+        }
         if after == 0 {
             return (0, 0, 0.0);
         }
-        if after == values.len() {
+        if after == len {
             return (after - 1, after - 1, 0.0);
         }
-        let (lo, hi) = (values[after - 1], values[after]);
+        let (lo, hi) = (value_of(after - 1), value_of(after));
         let t = match self.scale {
             ValueScale::Linear => (value - lo) / (hi - lo),
             ValueScale::Log => (value / lo).ln() / (hi / lo).ln(),
