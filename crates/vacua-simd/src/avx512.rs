@@ -276,8 +276,14 @@ fn join(low: __m256, high: __m256) -> F {
 /// Sixteen element offsets, in 32 or 64 bits, as gathers take them.
 trait Offsets: Copy {
     /// Gathers 64-bit elements at `base + offset · SCALE` bytes, lanes 0–7 and 8–15.
+    ///
+    /// # Safety
+    /// Every element lies within the allocation that `base` points into.
     unsafe fn gather_64<const SCALE: i32>(self, base: *const u8) -> [__m512i; 2];
     /// Gathers 32-bit elements at `base + offset · SCALE` bytes.
+    ///
+    /// # Safety
+    /// Every element lies within the allocation that `base` points into.
     unsafe fn gather_32<const SCALE: i32>(self, base: *const u8) -> __m512i;
     /// Offsets limited to `last`, and by how many bits the wanted byte lies above there.
     fn limit(self, last: usize) -> (Self, __m512i);
