@@ -232,9 +232,7 @@ impl Int for I {
     }
     #[inline(never)]
     fn min_unsigned(self, b: Self) -> Self {
-        Self(from_fn(|i| {
-            (self.0[i] as u32).min(b.0[i] as u32) as i32
-        }))
+        Self(from_fn(|i| (self.0[i] as u32).min(b.0[i] as u32) as i32))
     }
     #[inline(never)]
     fn and(self, b: Self) -> Self {
@@ -313,6 +311,10 @@ impl Simd for Portable {
             // SAFETY: the caller's promise.
             unsafe { *slice.get_unchecked(index.0[i] as usize) as i32 }
         }))
+    }
+    #[inline(never)]
+    fn bit_of_1024(bits: &[u32; 32], index: I) -> M {
+        mask(|i| bits[index.0[i] as usize >> 5 & 31] >> (index.0[i] & 31) & 1 == 1)
     }
     #[inline(never)]
     unsafe fn voxel_pair<T: Voxel>(

@@ -4,17 +4,19 @@
 //! The paper toggles between inside and outside at every hit. Here a hit only says at which sample
 //! the state *may* change; what it is from there on is read from the mask, at that very sample.
 //! From a sample in an active macrocell the next back face is sought, else the next front face:
-//! between two samples of different state the line crosses such a face. Faces are tested as
-//! axis-aligned quads, `t = (plane − origin) · inverse`, in `f64`, a little wider than they are, so
-//! that none is missed along edges; one hit too many costs a look at the mask.
+//! between two samples of different state the line crosses such a face. Faces are merged into
+//! axis-aligned rectangles and tested as such, `t = (plane − origin) · inverse`, in `f64`, a little
+//! wider than they are, so that none is missed along edges; one hit too many costs a look at the
+//! mask.
 
 use vacua_simd::BLOCK;
 
-use crate::boundary::{BoundaryMesh, Quad};
+use crate::boundary::BoundaryMesh;
 use crate::bvh::{Hierarchy, Line, slack};
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
 use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
+use crate::rectangles::{Rectangle, merged};
 
 /// The triangulated boundary of the active macrocells.
 #[derive(Clone)]
@@ -26,7 +28,7 @@ pub struct MeshSkip {
     hierarchy: Hierarchy,
 }
 
-/// A quad in ray space.
+/// A rectangle of the boundary in ray space.
 #[derive(Clone, Copy)]
 struct Face {
     axis: u8,
@@ -39,16 +41,20 @@ struct Face {
 }
 
 impl Face {
-    fn new(lattice: &Lattice, quad: &Quad) -> Self {
-        let axis = usize::from(quad.axis);
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let [i, j] = quad.at.map(|i| i as usize);
+    fn new(lattice: &Lattice, rectangle: &Rectangle) -> Self {
+        let axis = usize::from(rectangle.axis);
+        let corner = |[i, j]: [u32; 2]| {
+            [
+                lattice.plane((axis + 1) % 3, i as usize),
+                lattice.plane((axis + 2) % 3, j as usize),
+            ]
+        };
         Self {
-            axis: quad.axis,
-            faces_up: quad.faces_up,
-            plane: lattice.plane(axis, quad.plane as usize),
-            lo: [lattice.plane(u, i), lattice.plane(v, j)],
-            hi: [lattice.plane(u, i + 1), lattice.plane(v, j + 1)],
+            axis: rectangle.axis,
+            faces_up: rectangle.faces_up,
+            plane: lattice.plane(axis, rectangle.plane as usize),
+            lo: corner(rectangle.lo),
+            hi: corner(rectangle.hi),
         }
     }
 
@@ -82,10 +88,9 @@ impl MeshSkip {
         let counts = lattice.counts();
         assert_eq!(counts, mask.counts(), "mask and lattice belong together");
         assert_eq!(counts, mesh.counts(), "mesh and lattice belong together");
-        let faces: Vec<Face> = mesh
-            .quads()
+        let faces: Vec<Face> = merged(&mesh)
             .iter()
-            .map(|q| Face::new(&lattice, q))
+            .map(|r| Face::new(&lattice, r))
             .collect();
         let boxes: Vec<[[f32; 3]; 2]> = faces.iter().map(Face::corners).collect();
         let hierarchy = Hierarchy::new(&boxes);
