@@ -69,6 +69,15 @@ impl Face {
     }
 }
 
+/// Where a line meets the boundary.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundaryHit {
+    /// The axis that the face is perpendicular to.
+    pub axis: usize,
+    /// The point, in ray space.
+    pub position: [f64; 3],
+}
+
 impl MeshSkip {
     /// Extracts the boundary of a mask and builds a hierarchy over it.
     ///
@@ -106,6 +115,34 @@ impl MeshSkip {
     /// The boundary.
     pub fn boundary(&self) -> &BoundaryMesh {
         &self.mesh
+    }
+
+    /// The first face that a half-line meets, from `start` in a `direction` in ray space.
+    pub fn first_hit(&self, start: [f64; 3], direction: [f64; 3]) -> Option<BoundaryHit> {
+        let line = Line::through(start, direction);
+        let (mut nearest, mut hit) = (f64::INFINITY, None);
+        self.hierarchy.nearest(&line, (0.0, f64::INFINITY), |i| {
+            let face = &self.faces[i];
+            let axis = usize::from(face.axis);
+            if direction[axis] == 0.0 {
+                return None;
+            }
+            let t = (f64::from(face.plane) - start[axis]) * line.inverse[axis];
+            let mut position = [0, 1, 2].map(|a| start[a] + t * direction[a]);
+            position[axis] = face.plane.into();
+            let within = |side: usize| {
+                let at = position[(axis + 1 + side) % 3];
+                f64::from(face.lo[side]) <= at && at <= f64::from(face.hi[side])
+            };
+            if t < 0.0 || !within(0) || !within(1) {
+                return None;
+            }
+            if t < nearest {
+                (nearest, hit) = (t, Some(BoundaryHit { axis, position }));
+            }
+            Some(t)
+        });
+        hit
     }
 
     /// Whether the macrocell of a sample is active.

@@ -42,6 +42,6 @@ pub use blank::explain_blank;
 pub use quick::{Content, Device, Error, Frame, Look, Renderer, Scene, renderer};
 pub use vacua_io::{open, open_with};
 pub use vacua_render::{
-    Camera, ClipPlane, Integrator, Jitter, RenderSettings, Shading, SkipMethod,
+    Camera, ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Shading, SkipMethod,
 };
 pub use vacua_volume::{Dataset, TransferFunction, TransferStyle, Volume};
