@@ -25,5 +25,8 @@ fn a_gibibyte_is_mapped() {
     assert_eq!(values.bytes().len(), 1 << 30);
     assert_eq!(values.get_f64((1 << 29) - 1, 0), 0.0);
     let grown = anonymous_bytes().saturating_sub(before);
-    assert!(grown < 16 << 20, "{grown} bytes of memory for a mapped file");
+    assert!(
+        grown < 16 << 20,
+        "{grown} bytes of memory for a mapped file"
+    );
 }

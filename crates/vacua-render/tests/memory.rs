@@ -36,11 +36,7 @@ fn skipping_takes_at_most_a_twentieth_of_the_voxels() {
         let opacities = opacities.map(|(value, opacity)| OpacityPoint { value, opacity });
         let look = TransferFunction::new(colors, opacities.to_vec(), 1.0, ValueScale::Linear);
         let scene = Scene::new(volume, look.expect("in order"));
-        let choices = [
-            (SkipMethod::Grid, Some(8)),
-            (SkipMethod::Auto, Some(8)),
-            (SkipMethod::Auto, None),
-        ];
+        let choices = [(SkipMethod::Grid, Some(8)), (SkipMethod::Auto, Some(8))];
         for (skip, macrocell_side) in choices {
             let settings = RenderSettings {
                 width: 384,
