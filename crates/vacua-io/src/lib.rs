@@ -9,8 +9,12 @@
 mod atomic;
 mod decode;
 mod error;
+mod exodus;
 mod files;
+mod mesh;
+mod mesh_dump;
 mod metaimage;
+mod netcdf;
 mod nifti;
 mod npy;
 mod nrrd;

@@ -51,6 +51,11 @@ impl VolumeStage {
                 let cells = curvilinear.insert(CurvilinearCells::new(grid, mask)?);
                 cells.space.clone()
             }
+            Geometry::Unstructured(mesh) => {
+                return Err(RenderError::Mesh {
+                    cells: mesh.num_cells(),
+                });
+            }
         };
         let profile = volume.scalars().profile(0);
         let range = profile.range;
