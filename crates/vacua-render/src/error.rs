@@ -1,5 +1,8 @@
 //! Why a picture cannot be made.
 
+use std::error::Error;
+use std::sync::Arc;
+
 use vacua_skip::LatticeError;
 
 use crate::camera::CameraError;
@@ -40,6 +43,9 @@ pub enum RenderError {
     /// Points of a curvilinear grid that are nowhere.
     #[error("no point of the grid has a finite position")]
     NoPositions,
+    /// What renders failed: neither the scene nor the settings are to blame.
+    #[error(transparent)]
+    Device(Arc<dyn Error + Send + Sync>),
     /// Threads could not be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {

@@ -1,0 +1,335 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// One ray a pixel: walks the distance map, samples what is active, composites front to back.
+//
+// Samples are composited one by one in order; a sample without extinction multiplies by exactly 1
+// and adds exactly 0, so that leaving it out changes no bit. Whether a ray ends is asked at the ends
+// of blocks only, as the contract has it.
+#include "shared.glsl"
+#include "lattice.glsl"
+#include "table.glsl"
+#include "volume.glsl"
+#include "ray.glsl"
+
+layout(local_size_x = 256) in;
+
+// Transfer table: red and green, blue and extinction, as halves.
+shared uvec2 table[TRANSFER_BINS + 1];
+
+struct Sample {
+    vec3 cell;
+    vec3 fraction;
+    // Corners below and above along z, as `gather` has them.
+    vec4 front;
+    vec4 back;
+    float value;
+    bool is_valid;
+};
+
+float lerp(float t, float a, float b) {
+    precise float mixed = fma(t, b - a, a);
+    return mixed;
+}
+
+// Corners interpolated along x, the lower row first.
+vec2 along_x(float t, vec4 corners) {
+    return vec2(lerp(t, corners.w, corners.z), lerp(t, corners.x, corners.y));
+}
+
+Sample sample_at(vec3 at) {
+    Sample s;
+    s.cell = cell_of(at);
+    if (CELL_DATA) {
+        s.value = value_of(fetch(s.cell));
+    } else {
+        s.fraction = fraction_of(at, s.cell);
+        int slab = slab_of(s.cell.z);
+        vec2 corner = s.cell.xy + 1.0;
+        s.front = gather(slab, corner, s.cell.z);
+        s.back = gather(slab, corner, s.cell.z + 1.0);
+        vec2 front = along_x(s.fraction.x, s.front);
+        vec2 back = along_x(s.fraction.x, s.back);
+        float texel = lerp(
+            s.fraction.z,
+            lerp(s.fraction.y, front.x, front.y),
+            lerp(s.fraction.y, back.x, back.y)
+        );
+        s.value = value_of(texel);
+    }
+    s.is_valid = (!CHECK_FINITE || is_finite(s.value)) && !is_blanked(s.cell);
+    return s;
+}
+
+// Central differences at the second and third of four values, interpolated between them.
+float slope(vec4 line, float t, vec2 inverse_spans) {
+    return lerp(t, (line.z - line.x) * inverse_spans.x, (line.w - line.y) * inverse_spans.y);
+}
+
+// One over the distances between the points before a cell's ends and after them.
+vec2 inverse_spans(int axis, float cell) {
+    uint here = uint(cell);
+    uint before = here == 0 ? 0 : here - 1;
+    uint after = min(here + 2, parameters.cells[axis]);
+    return vec2(
+        1.0 / (plane_at(axis, here + 1) - plane_at(axis, before)),
+        1.0 / (plane_at(axis, after) - plane_at(axis, here))
+    );
+}
+
+// The gradient in ray space: central differences at the points, one-sided at the ends.
+vec3 gradient(Sample s) {
+    if (CELL_DATA) return vec3(0.0);
+    int slab = slab_of(s.cell.z);
+    vec2 corner = s.cell.xy + 1.0;
+    vec3 f = s.fraction;
+    vec2 spans_x = inverse_spans(0, s.cell.x);
+    vec2 spans_y = inverse_spans(1, s.cell.y);
+    vec2 spans_z = inverse_spans(2, s.cell.z);
+    vec2 x_slopes[2];
+    float y_slopes[2];
+    vec2 here[2];
+    for (int i = 0; i < 2; ++i) {
+        float layer = s.cell.z + float(i);
+        vec4 middle = i == 0 ? s.front : s.back;
+        vec4 left = gather(slab, corner - vec2(1.0, 0.0), layer);
+        vec4 right = gather(slab, corner + vec2(1.0, 0.0), layer);
+        vec4 below = gather(slab, corner - vec2(0.0, 1.0), layer);
+        vec4 above = gather(slab, corner + vec2(0.0, 1.0), layer);
+        here[i] = along_x(f.x, middle);
+        x_slopes[i] = vec2(
+            slope(vec4(left.w, middle.w, middle.z, right.z), f.x, spans_x),
+            slope(vec4(left.x, middle.x, middle.y, right.y), f.x, spans_x)
+        );
+        float before = lerp(f.x, below.w, below.z);
+        float after = lerp(f.x, above.x, above.y);
+        y_slopes[i] = slope(vec4(before, here[i], after), f.y, spans_y);
+    }
+    float layer_before = max(s.cell.z - 1.0, 0.0);
+    float layer_after = min(s.cell.z + 2.0, float(parameters.cells.z));
+    vec2 before = along_x(f.x, gather(slab, corner, layer_before));
+    vec2 after = along_x(f.x, gather(slab, corner, layer_after));
+    vec2 z_slopes = vec2(
+        slope(vec4(before.x, here[0].x, here[1].x, after.x), f.z, spans_z),
+        slope(vec4(before.y, here[0].y, here[1].y, after.y), f.z, spans_z)
+    );
+    return vec3(
+        lerp(f.z, lerp(f.y, x_slopes[0].x, x_slopes[0].y), lerp(f.y, x_slopes[1].x, x_slopes[1].y)),
+        lerp(f.z, y_slopes[0], y_slopes[1]),
+        lerp(f.y, z_slopes.x, z_slopes.y)
+    ) * parameters.texel.z;
+}
+
+// Factor on the colour and white added to it: lit from the camera, Blinn–Phong. Twin of
+// `vacua_render`'s light.
+vec2 shade(vec3 g, vec3 direction) {
+    vec3 m = parameters.metric_squares.xyz;
+    vec3 n = parameters.metric_products.xyz;
+    float length_sq = g.x * (g.x * m.x + g.y * n.x + g.z * n.y)
+        + g.y * (g.y * m.y + g.z * n.z) + g.z * g.z * m.z;
+    if (!(length_sq > 1.17549435e-38)) return vec2(1.0, 0.0);
+    float cosine = min(abs(dot(g, direction)) / sqrt(length_sq), 1.0);
+    float shine = cosine;
+    for (int i = 0; i < 5; ++i) shine *= shine;
+    return vec2(0.35 + 0.65 * cosine, 0.25 * shine);
+}
+
+// The colour (and extinction, as a part of the largest) at a place of the table.
+vec4 table_at(uint bin, float t) {
+    uvec2 lo = table[bin];
+    uvec2 hi = table[bin + 1];
+    vec4 a = vec4(unpackHalf2x16(lo.x), unpackHalf2x16(lo.y));
+    vec4 b = vec4(unpackHalf2x16(hi.x), unpackHalf2x16(hi.y));
+    precise vec4 mixed = fma(vec4(t), b - a, a);
+    return mixed;
+}
+
+// What one ray has gathered.
+struct Pixel {
+    vec3 color;
+    float transmittance;
+    float depth_sample;
+    float best;
+    uint samples;
+};
+
+// Adds sample `k`, which stands for `stride` steps.
+void add(inout Pixel pixel, Ray ray, float k, float optical_length) {
+    Sample s = sample_at(position(ray, k));
+    ++pixel.samples;
+    if (!s.is_valid) return;
+    if (MAXIMUM) {
+        if (s.value > pixel.best) {
+            pixel.best = s.value;
+            pixel.depth_sample = k;
+        }
+        return;
+    }
+    float coordinate = table_coordinate(s.value);
+    uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
+    vec4 look = table_at(bin, coordinate - float(bin));
+    if (look.w <= 0.0) return;
+    vec3 color = look.rgb;
+    if (SHADED) {
+        vec2 lit = shade(gradient(s), ray.direction);
+        color = color * lit.x + lit.y;
+    }
+    precise float depth = look.w * optical_length;
+    precise float behind = pixel.transmittance * exp2(-depth);
+    precise float weight = pixel.transmittance - behind;
+    precise vec3 sum = fma(vec3(weight), color, pixel.color);
+    pixel.color = sum;
+    pixel.transmittance = behind;
+    if (behind <= 0.5 && pixel.depth_sample < 0.0) pixel.depth_sample = k;
+}
+
+// Distance of a sample's macrocell to the nearest active one, 0 if it is active itself; and the
+// first sample that may lie outside the box of macrocells that are known to be alike.
+uint look_ahead(Ray ray, vec3 inverse_step, vec3 still, uint k, out uint next) {
+    ivec3 at = macrocell_of(cell_of(position(ray, float(k))));
+    uint index = macrocell_index(at);
+    uint apart = push.skip.word[index >> 2] >> (8 * (index & 3u)) & 255u;
+    int reach = int(max(apart, 1u));
+    float leave = LARGEST;
+    for (int a = 0; a < 3; ++a) {
+        bool upward = ray.step[a] >= 0.0;
+        int macrocell = upward ? at[a] + reach : at[a] - reach + 1;
+        uint cell = uint(clamp(macrocell, 0, int(parameters.macrocells[a]))) * parameters.macrocells.w;
+        float plane = plane_at(a, min(cell, parameters.cells[a]));
+        // A computed coordinate may reach the plane a few roundings before the line does, more so
+        // where `fma` rounds twice, as it may.
+        float slack = 2.5e-7 * (abs(plane) + abs(ray.start[a]));
+        plane += upward ? -slack : slack;
+        precise float crossing = (plane - ray.start[a]) * inverse_step[a] + still[a];
+        leave = min(leave, crossing);
+    }
+    // Rounding down by more than the arithmetic can be off never passes a sample.
+    float bound = ceil(leave * (1.0 - 2e-6));
+    next = max(k + 1, uint(clamp(bound, 0.0, float(MAX_SAMPLES))));
+    return apart;
+}
+
+// Smallest cell between two, both included, along an axis, in units of the smallest of all.
+float smallest(int axis, float p, float q) {
+    uint cells = parameters.cells[axis];
+    uint a = uint(min(p, q));
+    uint b = uint(max(p, q));
+    uint level = uint(findMSB(b - a + 1));
+    uint minima = parameters.axis_offset[axis] + (cells + 1) + 4 * cells
+        + level * (cells + 1) - ((1u << level) - 1);
+    return min(push.planes.number[minima + a], push.planes.number[minima + b + 1 - (1u << level)]);
+}
+
+// Level of the dyadic block that holds sample k: twin of `vacua_render`'s partition.
+uint level_of(Ray ray, vec3 rates, uint k) {
+    float finest_sq = dot(rates, rates);
+    for (uint level = MAX_LEVEL; level > 0; --level) {
+        uint first = k & ~((BLOCK << level) - 1);
+        uint last = first + (BLOCK << level) - 1;
+        vec3 p = cell_of(position(ray, float(first)));
+        vec3 q = cell_of(position(ray, float(last)));
+        float rate_sq = 0.0;
+        for (int a = 0; a < 3; ++a) {
+            float rate = rates[a] / smallest(a, p[a], q[a]);
+            rate_sq += rate * rate;
+        }
+        float stride = float(1u << level);
+        if (rate_sq * stride * stride <= finest_sq) return level;
+    }
+    return 0;
+}
+
+void march(inout Pixel pixel, Ray ray) {
+    vec3 inverse_step;
+    vec3 still;
+    for (int a = 0; a < 3; ++a) {
+        bool moves = ray.step[a] != 0.0;
+        inverse_step[a] = moves ? 1.0 / ray.step[a] : 0.0;
+        still[a] = moves ? 0.0 : LARGEST;
+    }
+    float termination = parameters.box_hi.w;
+    float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
+    vec3 rates = vec3(0.0);
+    if (RECTILINEAR) {
+        rates = ray.step / vec3(
+            parameters.anchor.w, parameters.anchor_x.w, parameters.anchor_y.w
+        );
+    }
+    uint k = ray.begin;
+    // One past the last sample that was added.
+    uint added = ray.begin;
+    while (k < ray.end) {
+        uint stop = ray.end;
+        if (SKIPPING) {
+            uint next;
+            uint apart = look_ahead(ray, inverse_step, still, k, next);
+            if (apart > 0) {
+                k = next;
+                continue;
+            }
+            stop = min(stop, next);
+        }
+        if (RECTILINEAR) {
+            // A whole block at a time, from its first sample at or after k.
+            uint level = level_of(ray, rates, k);
+            uint stride = 1u << level;
+            uint block_end = (k & ~((BLOCK << level) - 1)) + (BLOCK << level);
+            uint i = (k + stride - 1) & ~(stride - 1);
+            for (; i < min(block_end, ray.end); i += stride) {
+                add(pixel, ray, float(i), optical_length * float(stride));
+            }
+            k = block_end;
+            if (!MAXIMUM && pixel.transmittance < termination) break;
+            continue;
+        }
+        // A block that ended unseen between the last samples and these may have ended the ray.
+        if (!MAXIMUM && pixel.transmittance < termination && k / BLOCK != (added - 1) / BLOCK) break;
+        for (; k < stop; ++k) {
+            add(pixel, ray, float(k), optical_length);
+            if (!MAXIMUM && (k & (BLOCK - 1)) == BLOCK - 1 && pixel.transmittance < termination) {
+                k = ray.end;
+            }
+        }
+        added = k;
+    }
+}
+
+void main() {
+    for (uint i = gl_LocalInvocationIndex; i <= TRANSFER_BINS; i += 256) {
+        table[i] = push.table.entry[i];
+    }
+    barrier();
+    // Subgroups of 32 see 8 × 4 pixels.
+    uint lane = gl_LocalInvocationIndex & 31u;
+    uint group = gl_LocalInvocationIndex >> 5;
+    uvec2 at = gl_WorkGroupID.xy * 16u
+        + uvec2((group & 1u) * 8u + (lane & 7u), (group >> 1) * 4u + (lane >> 3));
+    if (at.x >= parameters.picture.x || at.y >= parameters.picture.y) return;
+    Pixel pixel;
+    pixel.color = vec3(0.0);
+    pixel.transmittance = 1.0;
+    pixel.depth_sample = -1.0;
+    pixel.best = parameters.table_scale.w;
+    pixel.samples = 0;
+    Ray ray = ray_of(at);
+    march(pixel, ray);
+    vec4 rgba = vec4(pixel.color, 1.0 - pixel.transmittance);
+    bool has_depth = pixel.depth_sample >= 0.0;
+    if (MAXIMUM) {
+        float coordinate = table_coordinate(pixel.best);
+        uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
+        vec3 color = table_at(bin, coordinate - float(bin)).rgb;
+        rgba = has_depth ? vec4(color, 1.0) : vec4(0.0);
+    }
+    uint index = at.x + parameters.picture.x * at.y;
+    uint samples = pixel.samples;
+    if (push.frame > 0) {
+        rgba += push.rgba.quad[index];
+        samples += push.samples.word[index];
+    } else {
+        float t = fma(pixel.depth_sample, ray.dt, ray.t_start);
+        push.depth.number[index] = has_depth ? t : uintBitsToFloat(0x7f800000u);
+    }
+    if (push.weight > 0.0) rgba *= push.weight;
+    push.rgba.quad[index] = rgba;
+    push.samples.word[index] = samples;
+}
