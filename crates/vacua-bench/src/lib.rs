@@ -1,13 +1,15 @@
 //! The tables of the papers and the figures of the project, regenerated on this machine.
 //!
 //! [`skip::run`] measures Tables 1 to 4 of paper A (Wald, Zellmann and Morrical 2021) over
-//! stand-ins for its volumes; [`render::run`] measures the benchmark scene `shells256`. Results are
+//! stand-ins for its volumes; [`render::run`] measures the benchmark scene `shells256`;
+//! [`gpu::run`] measures skipping on a GPU. Results are
 //! plain data that serialises to JSON; every figure in a printed table is in there, and a cell
 //! without a figure says why.
 #![forbid(unsafe_code)]
 
 mod cell;
 mod error;
+pub mod gpu;
 mod machine;
 pub mod paper;
 pub mod render;

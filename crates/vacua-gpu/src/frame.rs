@@ -22,7 +22,8 @@ pub(crate) struct Picture {
 impl Picture {
     pub fn new(device: &Arc<Device>, width: usize, height: usize) -> Result<Self, GpuError> {
         let pixels = (width * height) as u64;
-        let on_device = |bytes: u64| Buffer::new(device, "the picture", bytes * pixels, Place::Device);
+        let on_device =
+            |bytes: u64| Buffer::new(device, "the picture", bytes * pixels, Place::Device);
         Ok(Self {
             width,
             height,
@@ -52,7 +53,10 @@ impl Picture {
         let (rgba, rest) = bytes.split_at(16 * n);
         let (depth, samples) = rest.split_at(4 * n);
         fn copied<T: bytemuck::AnyBitPattern + Send + Sync>(bytes: &[u8]) -> Vec<T> {
-            bytemuck::cast_slice::<u8, T>(bytes).par_iter().copied().collect()
+            bytemuck::cast_slice::<u8, T>(bytes)
+                .par_iter()
+                .copied()
+                .collect()
         }
         Frame {
             width: self.width,

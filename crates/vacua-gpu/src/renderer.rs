@@ -27,9 +27,7 @@ use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
 use crate::view;
 use crate::volume::{DeviceVolume, ImageLimits};
-use crate::vulkan::{
-    Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings,
-};
+use crate::vulkan::{Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings};
 
 /// Macrocell side where nothing else is asked for or measured.
 const DEFAULT_SIDE: usize = 8;
@@ -160,6 +158,14 @@ impl GpuRenderer {
         &self.device
     }
 
+    /// Changes how far the distance map reaches, in macrocells; 1 makes it a plain mask.
+    pub fn set_reach(&mut self, reach: u8) {
+        if reach != self.options.reach {
+            self.options.reach = reach;
+            self.skip = None;
+        }
+    }
+
     /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`
     /// where they were redone, `march` once a ray a pixel, `copy`.
     pub fn timings(&self) -> &Timings {
@@ -216,11 +222,7 @@ impl GpuRenderer {
         Ok(to.bytes()[..len].to_vec())
     }
 
-    fn make(
-        &mut self,
-        scene: &Scene,
-        settings: &RenderSettings,
-    ) -> Result<Rendering, GpuError> {
+    fn make(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Rendering, GpuError> {
         check(settings)?;
         let mut report = RenderReport {
             threads: rayon::current_num_threads(),
@@ -319,7 +321,11 @@ impl GpuRenderer {
         let info = self.device.info();
         let limits = ImageLimits {
             side: info.max_side,
-            layers: self.options.max_layers.unwrap_or(u32::MAX).min(info.max_layers),
+            layers: self
+                .options
+                .max_layers
+                .unwrap_or(u32::MAX)
+                .min(info.max_layers),
             // 64-bit devices take more than they say; those that cannot say stay at what they say.
             bytes: info.max_allocation_bytes.max(1 << 28),
         };
@@ -428,7 +434,10 @@ impl GpuRenderer {
                 }
                 if table_is_new {
                     r.write(&tables.entries, &look.table.entry_bytes());
-                    r.write(&tables.next_active, bytemuck::cast_slice(&look.table.next_active));
+                    r.write(
+                        &tables.next_active,
+                        bytemuck::cast_slice(&look.table.next_active),
+                    );
                 }
                 if wants_map {
                     r.clear(&tables.counter);

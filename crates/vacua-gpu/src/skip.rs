@@ -25,7 +25,14 @@ pub(crate) struct DeviceMacrocells {
 impl DeviceMacrocells {
     pub fn new(device: &Arc<Device>, lattice: &Lattice) -> Result<Self, GpuError> {
         let num = lattice.len() as u64;
-        let map = || Buffer::new(device, "the distance map", num.next_multiple_of(4), Place::Device);
+        let map = || {
+            Buffer::new(
+                device,
+                "the distance map",
+                num.next_multiple_of(4),
+                Place::Device,
+            )
+        };
         Ok(Self {
             counts: lattice.counts().map(|n| n as u32),
             ranges: Buffer::new(device, "the ranges of macrocells", 8 * num, Place::Device)?,

@@ -72,7 +72,10 @@ mod tests {
         let table = TransferTable::new(&function.expect("sorted"), range, ValueMap::IDENTITY);
         let device = DeviceTable::new(&table);
         assert_eq!(device.entry_bytes().len(), 8 * (TRANSFER_BINS + 1));
-        assert!(device.scale[2] > 1e9, "extinction per metre of nanometre data");
+        assert!(
+            device.scale[2] > 1e9,
+            "extinction per metre of nanometre data"
+        );
         for i in 0..=TRANSFER_BINS {
             let expected = table.extinction()[i];
             let found = device.entries[i][3].to_f32() * device.scale[2];

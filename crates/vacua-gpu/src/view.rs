@@ -71,7 +71,12 @@ pub(crate) fn rays(
     parameters.length_sq = if view.parallel {
         [1.0, 0.0, 0.0, 0.0]
     } else {
-        let squares = [1.0, view.right.length_squared(), view.up.length_squared(), 0.0];
+        let squares = [
+            1.0,
+            view.right.length_squared(),
+            view.up.length_squared(),
+            0.0,
+        ];
         squares.map(|v| v as f32)
     };
     parameters.box_lo = narrow(box_lo, settings.step);

@@ -144,7 +144,9 @@ impl DeviceVolume {
             layers.saturating_sub(3)
         };
         if slab_cells == 0 || cells[2].div_ceil(slab_cells) > MAX_SLABS as u64 {
-            return Err(unsupported(format!("a volume of {nx} × {ny} × {nz} voxels")));
+            return Err(unsupported(format!(
+                "a volume of {nx} × {ny} × {nz} voxels"
+            )));
         }
         let slabs: Vec<[u64; 2]> = (0..cells[2].div_ceil(slab_cells))
             .map(|slab| {
@@ -315,7 +317,11 @@ impl Planes {
             let planes: Vec<f32> = (0..=cells).map(|i| axis.plane(i)).collect();
             let num_bins = 4 * cells;
             let width = planes[cells] - planes[0];
-            let scale = if width > 0.0 { num_bins as f32 / width } else { 0.0 };
+            let scale = if width > 0.0 {
+                num_bins as f32 / width
+            } else {
+                0.0
+            };
             let bin = |c: f32| (((c - planes[0]) * scale).max(0.0) as usize).min(num_bins - 1);
             numbers.extend(&planes);
             let mut cell = 0;

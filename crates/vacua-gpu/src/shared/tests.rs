@@ -59,9 +59,7 @@ fn size_of_type(module: &Module, id_of_type: u32) -> u32 {
     let found = definition(module, id_of_type);
     match found.class.opcode {
         Op::TypeFloat | Op::TypeInt => number(&found.operands[0]) / 8,
-        Op::TypeVector => {
-            number(&found.operands[1]) * size_of_type(module, id(&found.operands[0]))
-        }
+        Op::TypeVector => number(&found.operands[1]) * size_of_type(module, id(&found.operands[0])),
         Op::TypePointer => 8,
         other => panic!("no such type is shared: {other:?}"),
     }
@@ -107,16 +105,50 @@ fn reflect(module: &Module, name: &str) -> Option<Members> {
 
 fn parameters() -> Members {
     members!(Parameters {
-        rate, rate_x, rate_y, grid, anchor, anchor_x, anchor_y, direction, direction_x,
-        direction_y, length_sq, box_lo, box_hi, texel, table_scale, metric_squares,
-        metric_products, bins_per_unit, cells, macrocells, axis_offset, picture,
+        rate,
+        rate_x,
+        rate_y,
+        grid,
+        anchor,
+        anchor_x,
+        anchor_y,
+        direction,
+        direction_x,
+        direction_y,
+        length_sq,
+        box_lo,
+        box_hi,
+        texel,
+        table_scale,
+        metric_squares,
+        metric_products,
+        bins_per_unit,
+        cells,
+        macrocells,
+        axis_offset,
+        picture,
     })
 }
 
 fn push() -> Members {
     members!(Push {
-        table, next_active, ranges, skip, skip_before, counter, planes, blanked, clips, rgba,
-        depth, samples, offset, jitter, weight, frame, axis,
+        table,
+        next_active,
+        ranges,
+        skip,
+        skip_before,
+        counter,
+        planes,
+        blanked,
+        clips,
+        rgba,
+        depth,
+        samples,
+        offset,
+        jitter,
+        weight,
+        frame,
+        axis,
     })
 }
 
@@ -161,9 +193,15 @@ fn both_sides_agree_on_constants() {
         rest[..rest.find(';').expect("it ends")].to_owned()
     };
     assert_eq!(value("MAX_SLABS"), MAX_SLABS.to_string());
-    assert_eq!(value("TRANSFER_BINS"), vacua_volume::TRANSFER_BINS.to_string());
+    assert_eq!(
+        value("TRANSFER_BINS"),
+        vacua_volume::TRANSFER_BINS.to_string()
+    );
     assert_eq!(value("BLOCK"), vacua_render::contract::BLOCK.to_string());
-    assert_eq!(value("MAX_LEVEL"), vacua_render::contract::MAX_LEVEL.to_string());
+    assert_eq!(
+        value("MAX_LEVEL"),
+        vacua_render::contract::MAX_LEVEL.to_string()
+    );
     assert_eq!(value("MAX_SAMPLES"), "1u << 23");
     assert_eq!(vacua_skip::MAX_SAMPLES, 1 << 23);
     assert_eq!(value("BELOW_ONE").parse(), Ok(1.0f32.next_down()));
@@ -179,7 +217,12 @@ fn both_sides_agree_on_constants() {
         (constant::RECTILINEAR, "RECTILINEAR"),
         (constant::NUM_SLABS, "NUM_SLABS"),
     ] {
-        let line = text.lines().find(|line| line.contains(&format!("constant_id = {id})")));
-        assert!(line.is_some_and(|line| line.contains(&format!(" {name} = "))), "{name}");
+        let line = text
+            .lines()
+            .find(|line| line.contains(&format!("constant_id = {id})")));
+        assert!(
+            line.is_some_and(|line| line.contains(&format!(" {name} = "))),
+            "{name}"
+        );
     }
 }

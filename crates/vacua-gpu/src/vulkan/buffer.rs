@@ -70,8 +70,8 @@ impl Buffer {
             .usage(usage);
         let name = device.name();
         // SAFETY: the size is positive, the usage needs no extension.
-        let raw = unsafe { device.raw().create_buffer(&create, None) }
-            .named("making a buffer", name)?;
+        let raw =
+            unsafe { device.raw().create_buffer(&create, None) }.named("making a buffer", name)?;
         let mut buffer = Self {
             device: device.clone(),
             raw,

@@ -61,14 +61,14 @@ impl Commands {
             .named("taking a command buffer", name)?;
         commands.buffer = made[0];
         // SAFETY: nothing to be kept.
-        commands.fence = unsafe { raw.create_fence(&Default::default(), None) }
-            .named("making a fence", name)?;
+        commands.fence =
+            unsafe { raw.create_fence(&Default::default(), None) }.named("making a fence", name)?;
         let create = vk::QueryPoolCreateInfo::default()
             .query_type(vk::QueryType::TIMESTAMP)
             .query_count(2 * MAX_STAGES);
         // SAFETY: the queue family has timestamps.
-        commands.queries = unsafe { raw.create_query_pool(&create, None) }
-            .named("making a clock", name)?;
+        commands.queries =
+            unsafe { raw.create_query_pool(&create, None) }.named("making a clock", name)?;
         Ok(commands)
     }
 
@@ -225,13 +225,8 @@ impl Recorder<'_> {
     pub fn clear(&self, buffer: &Buffer) {
         // SAFETY: the whole of a buffer that is alive.
         unsafe {
-            self.raw().cmd_fill_buffer(
-                self.commands.buffer,
-                buffer.raw(),
-                0,
-                vk::WHOLE_SIZE,
-                0,
-            );
+            self.raw()
+                .cmd_fill_buffer(self.commands.buffer, buffer.raw(), 0, vk::WHOLE_SIZE, 0);
         }
     }
 

@@ -97,9 +97,10 @@ impl Device {
                 .get_physical_device_memory_properties2(self.info.physical, &mut properties);
         }
         let heaps = &self.memory.memory_heaps[..self.memory.memory_heap_count as usize];
-        let local = heaps.iter().enumerate().filter(|(_, heap)| {
-            heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)
-        });
+        let local = heaps
+            .iter()
+            .enumerate()
+            .filter(|(_, heap)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
         let free = local.map(|(i, heap)| {
             if self.info.has_budget {
                 budget.heap_budget[i].saturating_sub(budget.heap_usage[i])
@@ -129,8 +130,8 @@ impl Device {
             return Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
                 .named("finding memory of a kind", self.name());
         };
-        let mut flags = vk::MemoryAllocateFlagsInfo::default()
-            .flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
+        let mut flags =
+            vk::MemoryAllocateFlagsInfo::default().flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
         let mut allocate = vk::MemoryAllocateInfo::default()
             .allocation_size(needs.size)
             .memory_type_index(index as u32);
@@ -140,9 +141,9 @@ impl Device {
         // SAFETY: size and type are those that the object asked for.
         match unsafe { self.raw.allocate_memory(&allocate, None) } {
             Ok(memory) => Ok((memory, found.property_flags)),
-            Err(
-                vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY,
-            ) => Err(self.too_little(what, needs.size)),
+            Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY) => {
+                Err(self.too_little(what, needs.size))
+            }
             Err(other) => Err(other).named("taking memory", self.name()),
         }
     }

@@ -79,7 +79,6 @@ pub struct DeviceInfo {
     pub(crate) max_layers: u32,
     pub(crate) max_side: u32,
     pub(crate) max_allocation_bytes: u64,
-    pub(crate) max_shared_bytes: u32,
     pub(crate) has_budget: bool,
 }
 
@@ -320,7 +319,6 @@ impl Instance {
             max_layers: base.limits.max_image_array_layers,
             max_side: base.limits.max_image_dimension2_d,
             max_allocation_bytes: limits_11.max_memory_allocation_size,
-            max_shared_bytes: base.limits.max_compute_shared_memory_size,
             has_budget,
         }
     }
@@ -332,8 +330,7 @@ impl Drop for Instance {
         // before the counter that it points to.
         unsafe {
             if let Some(v) = &self.validation {
-                v.functions
-                    .destroy_debug_utils_messenger(v.messenger, None);
+                v.functions.destroy_debug_utils_messenger(v.messenger, None);
             }
             self.raw.destroy_instance(None);
         }
@@ -372,11 +369,19 @@ mod tests {
 
     #[test]
     fn hardware_comes_before_programs() {
-        let mut kinds = [DeviceKind::Cpu, DeviceKind::Integrated, DeviceKind::Discrete];
+        let mut kinds = [
+            DeviceKind::Cpu,
+            DeviceKind::Integrated,
+            DeviceKind::Discrete,
+        ];
         kinds.sort();
         assert_eq!(
             kinds,
-            [DeviceKind::Discrete, DeviceKind::Integrated, DeviceKind::Cpu]
+            [
+                DeviceKind::Discrete,
+                DeviceKind::Integrated,
+                DeviceKind::Cpu
+            ]
         );
     }
 }
