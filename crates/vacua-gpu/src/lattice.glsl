@@ -21,10 +21,10 @@ float search(int axis, float coordinate) {
     return float(cell);
 }
 
-// Cells of a place, as whole numbers.
+// Cells of a place in the volume's box, as whole numbers. Ends of blocks may lie outside.
 vec3 cell_of(vec3 at) {
     if (RECTILINEAR) return vec3(search(0, at.x), search(1, at.y), search(2, at.z));
-    return clamp(floor(at), vec3(0.0), vec3(parameters.cells.xyz - 1u));
+    return min(floor(at), parameters.last_cell.xyz);
 }
 
 // Fractions of the way through the cells, below 1.
@@ -39,12 +39,12 @@ vec3 fraction_of(vec3 at, vec3 cell) {
     } else {
         fraction = at - cell;
     }
-    return clamp(fraction, vec3(0.0), vec3(BELOW_ONE));
+    return min(fraction, vec3(BELOW_ONE));
 }
 
 // Macrocells of cells: exact, as no multiple of 1/K is nearer to (c + ½)/K than ½/K.
 ivec3 macrocell_of(vec3 cell) {
-    return ivec3((cell + 0.5) * (1.0 / float(parameters.macrocells.w)));
+    return ivec3((cell + 0.5) * parameters.last_cell.w);
 }
 
 // Number of a macrocell.

@@ -5,6 +5,7 @@
 // Samples are composited one by one in order; a sample without extinction multiplies by exactly 1
 // and adds exactly 0, so that leaving it out changes no bit. Whether a ray ends is asked at the ends
 // of blocks only, as the contract has it.
+#extension GL_KHR_shader_subgroup_arithmetic : require
 #include "shared.glsl"
 #include "lattice.glsl"
 #include "table.glsl"
@@ -13,8 +14,10 @@
 
 layout(local_size_x = 256) in;
 
-// Transfer table: red and green, blue and extinction, as halves.
-shared uvec2 table[TRANSFER_BINS + 1];
+// Transfer table as halves: red and green, blue and extinction; and both ends of each bin's
+// extinction, which is all that most samples ask for.
+shared uvec2 colors[TRANSFER_BINS + 1];
+shared uint extinctions[TRANSFER_BINS];
 
 struct Sample {
     vec3 cell;
@@ -133,13 +136,20 @@ vec2 shade(vec3 g, vec3 direction) {
     return vec2(0.35 + 0.65 * cosine, 0.25 * shine);
 }
 
-// The colour (and extinction, as a part of the largest) at a place of the table.
-vec4 table_at(uint bin, float t) {
-    uvec2 lo = table[bin];
-    uvec2 hi = table[bin + 1];
-    vec4 a = vec4(unpackHalf2x16(lo.x), unpackHalf2x16(lo.y));
-    vec4 b = vec4(unpackHalf2x16(hi.x), unpackHalf2x16(hi.y));
-    precise vec4 mixed = fma(vec4(t), b - a, a);
+// Extinction, as a part of the largest, a fraction of the way through a bin.
+float extinction_at(uint bin, float t) {
+    vec2 ends = unpackHalf2x16(extinctions[bin]);
+    precise float mixed = fma(t, ends.y - ends.x, ends.x);
+    return mixed;
+}
+
+// Colour a fraction of the way through a bin.
+vec3 color_at(uint bin, float t) {
+    uvec2 lo = colors[bin];
+    uvec2 hi = colors[bin + 1];
+    vec3 a = vec3(unpackHalf2x16(lo.x), unpackHalf2x16(lo.y).x);
+    vec3 b = vec3(unpackHalf2x16(hi.x), unpackHalf2x16(hi.y).x);
+    precise vec3 mixed = fma(vec3(t), b - a, a);
     return mixed;
 }
 
@@ -155,7 +165,6 @@ struct Pixel {
 // Adds sample `k`, which stands for `stride` steps.
 void add(inout Pixel pixel, Ray ray, float k, float optical_length) {
     Sample s = sample_at(position(ray, k));
-    ++pixel.samples;
     if (!s.is_valid) return;
     if (MAXIMUM) {
         if (s.value > pixel.best) {
@@ -166,14 +175,15 @@ void add(inout Pixel pixel, Ray ray, float k, float optical_length) {
     }
     float coordinate = table_coordinate(s.value);
     uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
-    vec4 look = table_at(bin, coordinate - float(bin));
-    if (look.w <= 0.0) return;
-    vec3 color = look.rgb;
+    float t = coordinate - float(bin);
+    float extinction = extinction_at(bin, t);
+    if (extinction <= 0.0) return;
+    vec3 color = color_at(bin, t);
     if (SHADED) {
         vec2 lit = shade(gradient(s), ray.direction);
         color = color * lit.x + lit.y;
     }
-    precise float depth = look.w * optical_length;
+    precise float depth = extinction * optical_length;
     precise float behind = pixel.transmittance * exp2(-depth);
     precise float weight = pixel.transmittance - behind;
     precise vec3 sum = fma(vec3(weight), color, pixel.color);
@@ -238,6 +248,9 @@ uint level_of(Ray ray, vec3 rates, uint k) {
     return 0;
 }
 
+// Marches one ray, in step with the others of its subgroup: all of them evaluate the same block of
+// samples, the first that any of them needs, or wait. So their samples stay neighbours, and no ray
+// walks while others sample.
 void march(inout Pixel pixel, Ray ray) {
     vec3 inverse_step;
     vec3 still;
@@ -254,48 +267,56 @@ void march(inout Pixel pixel, Ray ray) {
             parameters.anchor.w, parameters.anchor_x.w, parameters.anchor_y.w
         );
     }
+    const uint NEVER = 0xffffffffu;
     uint k = ray.begin;
-    // One past the last sample that was added.
-    uint added = ray.begin;
-    while (k < ray.end) {
-        uint stop = ray.end;
-        if (SKIPPING) {
+    // Samples from k to here are in one active macrocell.
+    uint stop = SKIPPING ? k : ray.end;
+    uint last_block = k / BLOCK;
+    while (true) {
+        while (SKIPPING && k >= stop && k < ray.end) {
             uint next;
             uint apart = look_ahead(ray, inverse_step, still, k, next);
-            if (apart > 0) {
-                k = next;
-                continue;
-            }
-            stop = min(stop, next);
+            stop = min(next, ray.end);
+            if (apart > 0) k = stop;
         }
-        if (RECTILINEAR) {
-            // A whole block at a time, from its first sample at or after k.
-            uint level = level_of(ray, rates, k);
-            uint stride = 1u << level;
-            uint block_end = (k & ~((BLOCK << level) - 1)) + (BLOCK << level);
-            uint i = (k + stride - 1) & ~(stride - 1);
-            for (; i < min(block_end, ray.end); i += stride) {
-                add(pixel, ray, float(i), optical_length * float(stride));
+        // Whether a ray ends is asked when it comes to another block.
+        bool has_ended = !MAXIMUM && pixel.transmittance < termination && k / BLOCK != last_block;
+        if (has_ended) k = ray.end;
+        uint wanted = k < ray.end ? k / BLOCK : NEVER;
+        uint block = subgroupMin(wanted);
+        if (block == NEVER) break;
+        if (wanted == block) {
+            last_block = block;
+            if (RECTILINEAR) {
+                // A whole block at a time, from its first sample at or after k.
+                uint level = level_of(ray, rates, k);
+                uint stride = 1u << level;
+                uint block_end = (k & ~((BLOCK << level) - 1)) + (BLOCK << level);
+                uint limit = min(block_end, ray.end);
+                uint i = (k + stride - 1) & ~(stride - 1);
+                for (; i < limit; i += stride) {
+                    add(pixel, ray, float(i), optical_length * float(stride));
+                    ++pixel.samples;
+                }
+                k = block_end;
+                stop = SKIPPING ? k : ray.end;
+            } else {
+                uint limit = min(stop, (block + 1) * BLOCK);
+                pixel.samples += limit - k;
+                for (; k < limit; ++k) add(pixel, ray, float(k), optical_length);
             }
-            k = block_end;
-            if (!MAXIMUM && pixel.transmittance < termination) break;
-            continue;
         }
-        // A block that ended unseen between the last samples and these may have ended the ray.
-        if (!MAXIMUM && pixel.transmittance < termination && k / BLOCK != (added - 1) / BLOCK) break;
-        for (; k < stop; ++k) {
-            add(pixel, ray, float(k), optical_length);
-            if (!MAXIMUM && (k & (BLOCK - 1)) == BLOCK - 1 && pixel.transmittance < termination) {
-                k = ray.end;
-            }
-        }
-        added = k;
     }
 }
 
 void main() {
     for (uint i = gl_LocalInvocationIndex; i <= TRANSFER_BINS; i += 256) {
-        table[i] = push.table.entry[i];
+        uvec2 entry = push.table.entry[i];
+        colors[i] = entry;
+        if (i < TRANSFER_BINS) {
+            uvec2 next = push.table.entry[i + 1];
+            extinctions[i] = entry.y >> 16 | next.y & 0xffff0000u;
+        }
     }
     barrier();
     // Subgroups of 32 see 8 × 4 pixels.
@@ -317,7 +338,7 @@ void main() {
     if (MAXIMUM) {
         float coordinate = table_coordinate(pixel.best);
         uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
-        vec3 color = table_at(bin, coordinate - float(bin)).rgb;
+        vec3 color = color_at(bin, coordinate - float(bin));
         rgba = has_depth ? vec4(color, 1.0) : vec4(0.0);
     }
     uint index = at.x + parameters.picture.x * at.y;

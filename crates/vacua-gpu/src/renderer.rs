@@ -536,6 +536,8 @@ fn fill(
     parameters.table_scale = [lo, bins_per_key, largest, look.threshold];
     let cells = lattice.axes().each_ref().map(|a| a.cells() as u32);
     parameters.cells = [cells[0], cells[1], cells[2], volume.slab_cells];
+    let last = cells.map(|n| (n - 1) as f32);
+    parameters.last_cell = [last[0], last[1], last[2], 1.0 / lattice.side() as f32];
     let [cx, cy, cz] = lattice.counts().map(|n| n as u32);
     parameters.macrocells = [cx, cy, cz, lattice.side() as u32];
     parameters.axis_offset[3] = num_clips as u32;

@@ -64,6 +64,8 @@ layout(set = 0, binding = 0, std140) uniform Parameters {
     vec4 metric_products;
     // For each axis of planes: bins a unit of the search table.
     vec4 bins_per_unit;
+    // The last cell along each axis; w: one over the cells a side of a macrocell.
+    vec4 last_cell;
     // Cells; w: cells that an image holds along z.
     uvec4 cells;
     // Macrocells; w: cells a side of one.

@@ -47,6 +47,7 @@ pub(crate) struct Parameters {
     pub metric_squares: [f32; 4],
     pub metric_products: [f32; 4],
     pub bins_per_unit: [f32; 4],
+    pub last_cell: [f32; 4],
     pub cells: [u32; 4],
     pub macrocells: [u32; 4],
     pub axis_offset: [u32; 4],

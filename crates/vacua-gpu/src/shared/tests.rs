@@ -123,6 +123,7 @@ fn parameters() -> Members {
         metric_squares,
         metric_products,
         bins_per_unit,
+        last_cell,
         cells,
         macrocells,
         axis_offset,

@@ -280,6 +280,15 @@ impl Instance {
                 features_12.shader_sampled_image_array_non_uniform_indexing != 0,
                 "arrays of images",
             ),
+            (
+                limits_11
+                    .subgroup_supported_stages
+                    .contains(vk::ShaderStageFlags::COMPUTE)
+                    && limits_11
+                        .subgroup_supported_operations
+                        .contains(vk::SubgroupFeatureFlags::ARITHMETIC),
+                "arithmetic in subgroups",
+            ),
             (core.shader_float64 != 0, "64-bit floating point"),
             (
                 base.limits.max_compute_work_group_invocations >= 256,
