@@ -42,11 +42,6 @@ vec3 fraction_of(vec3 at, vec3 cell) {
     return min(fraction, vec3(BELOW_ONE));
 }
 
-// Macrocells of cells: exact, as no multiple of 1/K is nearer to (c + ½)/K than ½/K.
-ivec3 macrocell_of(vec3 cell) {
-    return ivec3((cell + 0.5) * parameters.last_cell.w);
-}
-
 // Number of a macrocell.
 uint macrocell_index(ivec3 at) {
     uvec3 n = parameters.macrocells.xyz;

@@ -192,26 +192,55 @@ void add(inout Pixel pixel, Ray ray, float k, float optical_length) {
     if (behind <= 0.5 && pixel.depth_sample < 0.0) pixel.depth_sample = k;
 }
 
+// What a ray's steps over macrocells need, on each axis.
+struct Walk {
+    // One over the step, 0 where the ray does not move.
+    vec3 inverse_step;
+    // 0, or beyond everything where the ray does not move.
+    vec3 still;
+    // The start, moved ahead by what rounding can move a computed coordinate.
+    vec3 start;
+    // From a macrocell's lower plane to the plane that the ray leaves it by, and which way that is.
+    vec3 far_plane;
+    vec3 towards;
+};
+
+Walk walk_of(Ray ray) {
+    Walk walk;
+    float side = float(parameters.macrocells.w);
+    for (int a = 0; a < 3; ++a) {
+        bool moves = ray.step[a] != 0.0;
+        bool upward = ray.step[a] >= 0.0;
+        walk.inverse_step[a] = moves ? 1.0 / ray.step[a] : 0.0;
+        walk.still[a] = moves ? 0.0 : LARGEST;
+        walk.towards[a] = upward ? 1.0 : -1.0;
+        walk.far_plane[a] = upward ? 0.0 : side;
+        // A computed coordinate may reach a plane a few roundings before the line does, more so
+        // where `fma` rounds twice, as it may.
+        float extent = max(abs(parameters.box_lo[a]), abs(parameters.box_hi[a]));
+        walk.start[a] = ray.start[a] + walk.towards[a] * 2.5e-7 * (extent + abs(ray.start[a]));
+    }
+    return walk;
+}
+
 // Distance of a sample's macrocell to the nearest active one, 0 if it is active itself; and the
 // first sample that may lie outside the box of macrocells that are known to be alike.
-uint look_ahead(Ray ray, vec3 inverse_step, vec3 still, uint k, out uint next) {
-    ivec3 at = macrocell_of(cell_of(position(ray, float(k))));
-    uint index = macrocell_index(at);
+uint look_ahead(Ray ray, Walk walk, uint k, out uint next) {
+    // ⌊c / K⌋ exactly: no multiple of 1/K is nearer to (c + ½)/K than ½/K.
+    vec3 at = trunc((cell_of(position(ray, float(k))) + 0.5) * parameters.last_cell.w);
+    uint index = macrocell_index(ivec3(at));
     uint apart = push.skip.word[index >> 2] >> (8 * (index & 3u)) & 255u;
-    int reach = int(max(apart, 1u));
-    float leave = LARGEST;
-    for (int a = 0; a < 3; ++a) {
-        bool upward = ray.step[a] >= 0.0;
-        int macrocell = upward ? at[a] + reach : at[a] - reach + 1;
-        uint cell = uint(clamp(macrocell, 0, int(parameters.macrocells[a]))) * parameters.macrocells.w;
-        float plane = plane_at(a, min(cell, parameters.cells[a]));
-        // A computed coordinate may reach the plane a few roundings before the line does, more so
-        // where `fma` rounds twice, as it may.
-        float slack = 2.5e-7 * (abs(plane) + abs(ray.start[a]));
-        plane += upward ? -slack : slack;
-        precise float crossing = (plane - ray.start[a]) * inverse_step[a] + still[a];
-        leave = min(leave, crossing);
+    float side = float(parameters.macrocells.w);
+    float reach = float(max(apart, 1u)) * side;
+    vec3 plane = at * side + (walk.far_plane + walk.towards * reach);
+    if (RECTILINEAR) {
+        for (int a = 0; a < 3; ++a) {
+            uint cell = uint(clamp(plane[a], 0.0, float(parameters.cells[a])));
+            plane[a] = plane_at(a, cell);
+        }
     }
+    precise vec3 crossing = (plane - walk.start) * walk.inverse_step + walk.still;
+    float leave = min(crossing.x, min(crossing.y, crossing.z));
     // Rounding down by more than the arithmetic can be off never passes a sample.
     float bound = ceil(leave * (1.0 - 2e-6));
     next = max(k + 1, uint(clamp(bound, 0.0, float(MAX_SAMPLES))));
@@ -252,13 +281,7 @@ uint level_of(Ray ray, vec3 rates, uint k) {
 // samples, the first that any of them needs, or wait. So their samples stay neighbours, and no ray
 // walks while others sample.
 void march(inout Pixel pixel, Ray ray) {
-    vec3 inverse_step;
-    vec3 still;
-    for (int a = 0; a < 3; ++a) {
-        bool moves = ray.step[a] != 0.0;
-        inverse_step[a] = moves ? 1.0 / ray.step[a] : 0.0;
-        still[a] = moves ? 0.0 : LARGEST;
-    }
+    Walk walk = walk_of(ray);
     float termination = parameters.box_hi.w;
     float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
     vec3 rates = vec3(0.0);
@@ -269,13 +292,14 @@ void march(inout Pixel pixel, Ray ray) {
     }
     const uint NEVER = 0xffffffffu;
     uint k = ray.begin;
-    // Samples from k to here are in one active macrocell.
+    // Samples from k to here are in one active macrocell; what follows in its last block is
+    // evaluated too, so that no block is visited twice.
     uint stop = SKIPPING ? k : ray.end;
     uint last_block = k / BLOCK;
     while (true) {
         while (SKIPPING && k >= stop && k < ray.end) {
             uint next;
-            uint apart = look_ahead(ray, inverse_step, still, k, next);
+            uint apart = look_ahead(ray, walk, k, next);
             stop = min(next, ray.end);
             if (apart > 0) k = stop;
         }
@@ -301,9 +325,13 @@ void march(inout Pixel pixel, Ray ray) {
                 k = block_end;
                 stop = SKIPPING ? k : ray.end;
             } else {
-                uint limit = min(stop, (block + 1) * BLOCK);
+                uint first = block * BLOCK;
+                uint limit = min(first + BLOCK, ray.end);
                 pixel.samples += limit - k;
-                for (; k < limit; ++k) add(pixel, ray, float(k), optical_length);
+                for (uint i = first; i < first + BLOCK; ++i) {
+                    if (i >= k && i < limit) add(pixel, ray, float(i), optical_length);
+                }
+                k = limit;
             }
         }
     }

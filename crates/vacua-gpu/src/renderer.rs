@@ -319,24 +319,29 @@ impl GpuRenderer {
 
     fn upload(&mut self, scene: &Scene, scale: ValueScale) -> Result<(), GpuError> {
         let info = self.device.info();
-        let limits = ImageLimits {
-            side: info.max_side,
-            layers: self
-                .options
-                .max_layers
-                .unwrap_or(u32::MAX)
-                .min(info.max_layers),
-            // 64-bit devices take more than they say; those that cannot say stay at what they say.
-            bytes: info.max_allocation_bytes.max(1 << 28),
-        };
-        let volume = DeviceVolume::new(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            scene.volume.clone(),
-            scale,
-            limits,
-        )?;
+        // What a device says of the size of allocations is advice that some exceed: one image is
+        // faster than several.
+        let advised = info.max_allocation_bytes.max(1 << 28);
+        let mut made = Err(self.device.too_little("the volume", 0));
+        for bytes in [u64::MAX, advised] {
+            let limits = ImageLimits {
+                side: info.max_side,
+                layers: self.options.max_layers.unwrap_or(u32::MAX),
+                bytes,
+            };
+            made = DeviceVolume::new(
+                &self.device,
+                &mut self.commands,
+                &self.layout,
+                scene.volume.clone(),
+                scale,
+                limits,
+            );
+            if !matches!(made, Err(GpuError::Memory { .. })) {
+                break;
+            }
+        }
+        let volume = made?;
         self.layout.bind(&self.tables.parameters, &volume.images);
         self.volume = Some(volume);
         Ok(())

@@ -26,7 +26,7 @@ use crate::vulkan::{Buffer, Commands, Device, Layers, Layout, Place};
 /// Least bytes that are sent at once.
 const STAGING_BYTES: u64 = 64 << 20;
 
-/// Most voxels of one image, by its own limits or lower ones for tests.
+/// Most of one image, besides what the device says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageLimits {
     pub side: u32,
@@ -136,8 +136,12 @@ impl DeviceVolume {
             return Err(unsupported(format!("a slice of {nx} × {ny} voxels")));
         }
         let texels = Texels::of(scalars.scalar_type());
+        let Some((max_layers, max_bytes)) = device.image_limits(texels.format) else {
+            return Err(unsupported(format!("{} data", scalars.scalar_type())));
+        };
         let layer_bytes = nx * ny * texels.bytes;
-        let layers = u64::from(limits.layers).min(limits.bytes / layer_bytes);
+        let layers = u64::from(limits.layers.min(max_layers))
+            .min(limits.bytes.min(max_bytes) / layer_bytes);
         let slab_cells = if nz <= layers {
             cells[2]
         } else {

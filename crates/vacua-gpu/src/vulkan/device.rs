@@ -111,6 +111,27 @@ impl Device {
         free.max().unwrap_or(0)
     }
 
+    /// Most layers and bytes of an image of a format that shaders fetch from; `None` if the device
+    /// has no such images.
+    pub(crate) fn image_limits(&self, format: vk::Format) -> Option<(u32, u64)> {
+        // SAFETY: the handle belongs to the instance.
+        let found = unsafe {
+            self.instance
+                .raw()
+                .get_physical_device_image_format_properties(
+                    self.info.physical,
+                    format,
+                    vk::ImageType::TYPE_2D,
+                    vk::ImageTiling::OPTIMAL,
+                    vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST,
+                    vk::ImageCreateFlags::empty(),
+                )
+        };
+        found
+            .ok()
+            .map(|limits| (limits.max_array_layers, limits.max_resource_size))
+    }
+
     /// Takes memory with all of `flags`, or with as many of the first as there are.
     pub(super) fn allocate(
         &self,

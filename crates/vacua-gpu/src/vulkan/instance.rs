@@ -76,7 +76,6 @@ pub struct DeviceInfo {
     pub(crate) queue_family: u32,
     /// Nanoseconds a tick of its clock.
     pub(crate) tick_nanos: f32,
-    pub(crate) max_layers: u32,
     pub(crate) max_side: u32,
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
@@ -325,7 +324,6 @@ impl Instance {
             physical,
             queue_family: family.map_or(0, |(index, _)| index as u32),
             tick_nanos: base.limits.timestamp_period,
-            max_layers: base.limits.max_image_array_layers,
             max_side: base.limits.max_image_dimension2_d,
             max_allocation_bytes: limits_11.max_memory_allocation_size,
             has_budget,
