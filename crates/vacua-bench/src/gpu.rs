@@ -14,6 +14,7 @@ use vacua_render::{
     Camera, CpuRenderer, Frame, Projection, RenderSettings, Renderer, Scene, Shading, SkipMethod,
 };
 use vacua_synth::{Kind, Spec};
+use vacua_volume::{OpacityPoint, TransferFunction, TransferFunctionError};
 
 use crate::error::BenchError;
 use crate::machine::Machine;
@@ -134,7 +135,11 @@ pub fn run(options: &GpuOptions) -> Result<GpuResults, BenchError> {
         spec.points = options.points.unwrap_or(spec.points);
         let volume = volumes::volume(spec, 1.0)?;
         let side = DVec3::from(spec.points.map(|n| (n - 1) as f64));
-        for (look_name, look) in kind.transfer_functions(spec.scalar_type)? {
+        let mut looks = kind.transfer_functions(spec.scalar_type)?;
+        if let Some((_, look)) = looks.first() {
+            looks.push(("clear", clear(look)?));
+        }
+        for (look_name, look) in looks {
             for (view_name, camera) in views(side) {
                 let name = format!("{kind} {look_name} {view_name}");
                 let scene = Scene::new(volume.clone(), look.clone()).camera(camera);
@@ -148,6 +153,20 @@ pub fn run(options: &GpuOptions) -> Result<GpuResults, BenchError> {
         size: options.size,
         scenes,
     })
+}
+
+/// A look in which nothing is seen: what rays cost that meet nothing.
+fn clear(look: &TransferFunction) -> Result<TransferFunction, TransferFunctionError> {
+    let none = |point: &OpacityPoint| OpacityPoint {
+        opacity: 0.0,
+        ..*point
+    };
+    TransferFunction::new(
+        look.colors().to_vec(),
+        look.opacities().iter().map(none).collect(),
+        look.unit_length(),
+        look.scale(),
+    )
 }
 
 fn measure(

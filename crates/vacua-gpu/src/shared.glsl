@@ -50,7 +50,8 @@ layout(set = 0, binding = 0, std140) uniform Parameters {
     vec4 direction;
     vec4 direction_x;
     vec4 direction_y;
-    // Squared world lengths: of the direction in the middle, of its changes in x and y.
+    // Squared world lengths: of the direction in the middle, of its changes in x and y; w: what
+    // rounding can move a computed coordinate by.
     vec4 length_sq;
     // The volume's box in ray space; w: step in cells, transmittance that ends a ray.
     vec4 box_lo;

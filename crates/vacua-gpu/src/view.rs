@@ -68,17 +68,17 @@ pub(crate) fn rays(
     parameters.direction = narrow(forward, 0.0);
     parameters.direction_x = narrow(turn_x, 0.0);
     parameters.direction_y = narrow(turn_y, 0.0);
-    parameters.length_sq = if view.parallel {
-        [1.0, 0.0, 0.0, 0.0]
+    let [across_x, across_y] = if view.parallel {
+        [0.0; 2]
     } else {
-        let squares = [
-            1.0,
-            view.right.length_squared(),
-            view.up.length_squared(),
-            0.0,
-        ];
-        squares.map(|v| v as f32)
+        [view.right, view.up].map(|v| v.length_squared())
     };
+    // What rounding can move a computed coordinate by: rays start at most a window of samples and
+    // some from the box.
+    let extent = box_lo.abs().max(box_hi.abs()).max_element();
+    let farthest = 2.0 * extent + 600.0 * settings.step * finest.max_element();
+    let squares = [1.0, across_x, across_y, 2.5e-7 * farthest];
+    parameters.length_sq = squares.map(|v| v as f32);
     parameters.box_lo = narrow(box_lo, settings.step);
     parameters.box_hi = narrow(box_hi, f64::from(settings.termination));
     let rows = linear.transpose();

@@ -140,8 +140,8 @@ impl DeviceVolume {
             return Err(unsupported(format!("{} data", scalars.scalar_type())));
         };
         let layer_bytes = nx * ny * texels.bytes;
-        let layers = u64::from(limits.layers.min(max_layers))
-            .min(limits.bytes.min(max_bytes) / layer_bytes);
+        let layers =
+            u64::from(limits.layers.min(max_layers)).min(limits.bytes.min(max_bytes) / layer_bytes);
         let slab_cells = if nz <= layers {
             cells[2]
         } else {
