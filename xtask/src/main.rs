@@ -6,6 +6,7 @@ mod command;
 #[cfg(test)]
 mod dependencies;
 mod fuzz;
+mod shaders;
 mod tasks;
 
 use std::process::ExitCode;
@@ -16,7 +17,8 @@ const USAGE: &str = "\
 usage: cargo xtask <task>
 
   test             unit, integration and doc tests of the workspace, and the fuzz seeds
-  ci [PIECE...]    everything that must pass: fmt clippy doc build demo test (or only some)
+  ci [PIECE...]    everything that must pass: fmt shaders clippy doc build demo test (or some)
+  shaders          compile the shaders of vacua-gpu; with --check: prove that they are
   fuzz [SECONDS]   every fuzz target for so long (default 60); needs nightly and cargo-fuzz";
 
 fn main() -> ExitCode {
@@ -25,6 +27,8 @@ fn main() -> ExitCode {
     let outcome = match arguments[..] {
         ["test"] => tasks::test(),
         ["ci", ref pieces @ ..] => tasks::ci(pieces),
+        ["shaders"] => shaders::shaders(false),
+        ["shaders", "--check"] => shaders::shaders(true),
         ["fuzz"] => fuzz::run(60),
         ["fuzz", seconds] => match seconds.parse() {
             Ok(seconds) => fuzz::run(seconds),

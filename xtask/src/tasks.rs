@@ -1,14 +1,26 @@
 //! The tasks `test` and `ci`.
 
+use std::path::PathBuf;
+
 use crate::command::{Failure, cargo, command, run, succeeds};
 use crate::fuzz;
+use crate::shaders::shaders;
 
-/// Debian packages that tests need beyond Rust and a C compiler.
-const SYSTEM_PACKAGES: &[&str] = &[];
+/// Debian packages that tests need beyond Rust and a C compiler: the Vulkan loader, and the layer
+/// that checks every call.
+const SYSTEM_PACKAGES: &[&str] = &["libvulkan1", "vulkan-validationlayers"];
+
+/// The package with lavapipe, a Vulkan device that runs on the CPU; Debian 12 has one that is new
+/// enough among its backports.
+const LAVAPIPE_PACKAGE: &str = "mesa-vulkan-drivers";
+
+/// Where drivers describe themselves.
+const DRIVERS: &str = "/usr/share/vulkan/icd.d";
 
 /// The pieces of `ci`, in order; the tests come last so that their results end the log.
-const PIECES: [(&str, fn() -> Result<(), Failure>); 6] = [
+const PIECES: [(&str, fn() -> Result<(), Failure>); 7] = [
     ("fmt", fmt),
+    ("shaders", || shaders(true)),
     ("clippy", clippy),
     ("doc", doc),
     ("build", build),
@@ -35,21 +47,80 @@ pub fn ci(names: &[&str]) -> Result<(), Failure> {
 /// Runs every test of the workspace and replays the fuzz seeds.
 pub fn test() -> Result<(), Failure> {
     install(SYSTEM_PACKAGES)?;
+    let driver = lavapipe()?;
     let cargo = cargo();
+    // Tests on a device run on lavapipe, the same everywhere, and may not be left out.
+    let on_lavapipe = |mut command: std::process::Command| {
+        command
+            .env("VK_DRIVER_FILES", &driver)
+            .env("VACUA_GPU_REQUIRED", "1");
+        command
+    };
     if succeeds(command(&cargo, &["nextest", "--version"])) {
-        run(&mut command(
+        run(&mut on_lavapipe(command(
             &cargo,
             &["nextest", "run", "--workspace", "--no-tests=pass"],
-        ))?;
-        run(&mut command(&cargo, &["test", "--workspace", "--doc"]))?;
+        )))?;
+        run(&mut on_lavapipe(command(
+            &cargo,
+            &["test", "--workspace", "--doc"],
+        )))?;
     } else {
-        run(&mut command(&cargo, &["test", "--workspace"]))?;
+        run(&mut on_lavapipe(command(&cargo, &["test", "--workspace"])))?;
     }
     fuzz::replay()
 }
 
+/// The file that describes lavapipe; installs it if it is not there.
+fn lavapipe() -> Result<PathBuf, Failure> {
+    let find = || {
+        let entries = std::fs::read_dir(DRIVERS).into_iter().flatten().flatten();
+        let is_lavapipe = |path: &PathBuf| {
+            let name = path.file_name().and_then(|n| n.to_str());
+            name.is_some_and(|n| n.starts_with("lvp_icd") && n.ends_with(".json"))
+        };
+        entries.map(|e| e.path()).find(is_lavapipe)
+    };
+    if find().is_none() {
+        add_backports()?;
+        install(&[LAVAPIPE_PACKAGE])?;
+    }
+    find().ok_or_else(|| {
+        Failure::Check(format!(
+            "{LAVAPIPE_PACKAGE} brought no lavapipe to {DRIVERS}"
+        ))
+    })
+}
+
+/// On Debian 12, makes its backports known and prefers their lavapipe.
+fn add_backports() -> Result<(), Failure> {
+    let release = std::fs::read_to_string("/etc/os-release").unwrap_or_default();
+    if !release.contains("VERSION_CODENAME=bookworm") {
+        return Ok(());
+    }
+    let script = "\
+        echo 'deb http://deb.debian.org/debian bookworm-backports main' \
+            > /etc/apt/sources.list.d/vacua-backports.list && \
+        printf 'Package: src:mesa\\nPin: release n=bookworm-backports\\nPin-Priority: 600\\n' \
+            > /etc/apt/preferences.d/vacua-backports && \
+        apt-get update";
+    run(&mut as_root("sh", &["-c", script]))
+}
+
+/// A command with the rights to install packages.
+fn as_root(program: &str, arguments: &[&str]) -> std::process::Command {
+    let is_root = std::env::var("USER").is_ok_and(|user| user == "root")
+        || !succeeds(command("sudo", &["-n", "true"]));
+    if is_root {
+        return command(program, arguments);
+    }
+    let mut sudo = command("sudo", &[program]);
+    sudo.args(arguments);
+    sudo
+}
+
 /// Installs Debian packages that are not there yet; does nothing for an empty list.
-fn install(packages: &[&str]) -> Result<(), Failure> {
+pub fn install(packages: &[&str]) -> Result<(), Failure> {
     let missing: Vec<&str> = packages
         .iter()
         .copied()
@@ -58,16 +129,11 @@ fn install(packages: &[&str]) -> Result<(), Failure> {
     if missing.is_empty() {
         return Ok(());
     }
+    // Fresh machines have no lists of packages; where they cannot be had, older ones may do.
+    let _ = run(&mut as_root("apt-get", &["update"]));
     let mut arguments = vec!["install", "-y", "--no-install-recommends"];
     arguments.extend(missing);
-    let is_root = std::env::var("USER").is_ok_and(|user| user == "root")
-        || !succeeds(command("sudo", &["-n", "true"]));
-    if is_root {
-        run(&mut command("apt-get", &arguments))
-    } else {
-        arguments.insert(0, "apt-get");
-        run(&mut command("sudo", &arguments))
-    }
+    run(&mut as_root("apt-get", &arguments))
 }
 
 fn fmt() -> Result<(), Failure> {

@@ -55,6 +55,12 @@ pub enum BenchError {
     /// Macrocells do not fit the volume.
     #[error(transparent)]
     Lattice(#[from] LatticeError),
+    /// There is no GPU, or it cannot render.
+    #[error(transparent)]
+    Gpu(#[from] vacua_gpu::GpuError),
+    /// A picture could not be written.
+    #[error(transparent)]
+    Io(#[from] vacua_io::IoError),
     /// A picture could not be made.
     #[error(transparent)]
     Render(#[from] RenderError),

@@ -2,7 +2,7 @@
 //!
 //! [`skip::run`] measures Tables 1 to 4 of paper A (Wald, Zellmann and Morrical 2021) over
 //! stand-ins for its volumes; [`render::run`] measures the benchmark scene `shells256`, [`auto::run`]
-//! whether `--skip auto` chooses well. Results are
+//! whether `--skip auto` chooses well, [`gpu::run`] skipping on a GPU. Results are
 //! plain data that serialises to JSON; every figure in a printed table is in there, and a cell
 //! without a figure says why.
 #![forbid(unsafe_code)]
@@ -10,6 +10,7 @@
 pub mod auto;
 mod cell;
 mod error;
+pub mod gpu;
 mod machine;
 pub mod paper;
 pub mod render;

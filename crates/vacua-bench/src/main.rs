@@ -1,13 +1,17 @@
 //! `vacua-bench skip` and `vacua-bench render`: the tables on this machine.
 
 use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
 use vacua_bench::auto::{self, AutoOptions};
+use vacua_bench::gpu::{self, GpuOptions};
 use vacua_bench::render::{self, RenderOptions};
 use vacua_bench::skip::{self, Model, SkipOptions};
+use vacua_gpu::DeviceChoice;
+use vacua_synth::{Kind, parse_size};
 
 /// The tables of the papers, regenerated on this machine.
 #[derive(Parser)]
@@ -32,6 +36,29 @@ enum Command {
         /// Points a side of every volume.
         #[arg(long, default_value = "256")]
         points: usize,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Skipping on a GPU: frames by method and macrocell size, and edits of the transfer function.
+    Gpu {
+        /// gpu, or gpu:N.
+        #[arg(long, default_value = "gpu")]
+        device: DeviceChoice,
+        /// Volumes to measure on.
+        #[arg(long, value_delimiter = ',', default_value = "blobs")]
+        kinds: Vec<Kind>,
+        /// Points a side, as 1024 or 512x256x64; each volume's own by default.
+        #[arg(long, value_parser = parse_size)]
+        points: Option<[usize; 3]>,
+        /// Reaches of the distance map.
+        #[arg(long, value_delimiter = ',', default_value = "1,16")]
+        reaches: Vec<u8>,
+        /// Measures gradient shading too.
+        #[arg(long)]
+        shaded: bool,
+        /// Folder for pictures.
+        #[arg(long)]
+        pictures: Option<PathBuf>,
         #[command(flatten)]
         common: Common,
     },
@@ -80,6 +107,27 @@ fn main() -> ExitCode {
         Command::Skip { models, common } => run_skip(models, common),
         Command::Auto { points, common } => run_auto(points, common),
         Command::Render { common } => run_render(common),
+        Command::Gpu {
+            device,
+            kinds,
+            points,
+            reaches,
+            shaded,
+            pictures,
+            common,
+        } => gpu::run(&GpuOptions {
+            device,
+            kinds,
+            points,
+            size: common.size.unwrap_or((3840, 2160)),
+            repeats: common.repeats.unwrap_or(10),
+            sides: common.sides.unwrap_or(vec![8, 16]),
+            reaches,
+            shaded,
+            pictures,
+        })
+        .map_err(Into::into)
+        .and_then(|results| text(&results, common.json, || results.markdown())),
     };
     let written = outcome.and_then(|text| Ok(writeln!(std::io::stdout(), "{text}")?));
     match written {

@@ -16,7 +16,7 @@ use vacua_skip::{Axis, BLOCKS_PER_WINDOW, MAX_SAMPLES, SampleRay, Skipper};
 use crate::setup::{TILE_RAYS, TileRays};
 
 /// Highest level of dyadic blocks: its eight samples span a window.
-pub(crate) const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
+pub const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
 
 /// Blocks that each ray of a tile advances before the next one does: 32 samples or some sixteen
 /// cells, so that what a tile touches in between stays in the first-level cache.
@@ -95,14 +95,14 @@ pub(crate) enum Strides {
 
 /// Answers "how small is the smallest cell among these" along one axis.
 #[derive(Clone, Debug)]
-pub(crate) struct SpanMinima {
+pub struct SpanMinima {
     /// `levels[l][c]`: smallest of cells `c .. c + 2^l`, in units of the smallest of all.
     levels: Vec<Vec<f32>>,
 }
 
 impl SpanMinima {
-    /// Prepares an axis.
-    fn new(axis: &Axis, finest: f64) -> Self {
+    /// Prepares an axis whose smallest cell is `finest`.
+    pub fn new(axis: &Axis, finest: f64) -> Self {
         let cells = axis.cells();
         let size = |c: usize| ((axis.plane(c + 1) - axis.plane(c)) as f64 / finest).max(1.0) as f32;
         let mut levels = vec![(0..cells).map(size).collect::<Vec<f32>>()];
@@ -116,6 +116,11 @@ impl SpanMinima {
             span *= 2;
         }
         Self { levels }
+    }
+
+    /// Minima over spans of `2^l` cells, for each level `l`, in units of the smallest cell of all.
+    pub fn levels(&self) -> &[Vec<f32>] {
+        &self.levels
     }
 
     /// The smallest of the cells from `a` to `b`, both included, in either order.

@@ -148,6 +148,23 @@ pub enum CameraError {
     Height(f64),
 }
 
+/// What a [`View`]'s rays are made of: through (x, y), each −1 to 1 across the picture (y up), goes
+/// `eye + s · (forward + x · right + y · up)`, or `eye + x · right + y · up + s · forward` in
+/// parallel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewBasis {
+    /// Where the rays begin, or the middle of where they do.
+    pub eye: DVec3,
+    /// Where the middle ray goes, a unit vector.
+    pub forward: DVec3,
+    /// Orthogonal to `forward`.
+    pub right: DVec3,
+    /// Orthogonal to both.
+    pub up: DVec3,
+    /// Whether all rays go the same way.
+    pub parallel: bool,
+}
+
 /// A camera with everything settled: makes rays.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
@@ -162,6 +179,17 @@ pub struct View {
 }
 
 impl View {
+    /// What its rays are made of.
+    pub fn basis(&self) -> ViewBasis {
+        ViewBasis {
+            eye: self.eye,
+            forward: self.forward,
+            right: self.right,
+            up: self.up,
+            parallel: self.parallel,
+        }
+    }
+
     /// The ray through a point of the picture, in pixels from its upper left corner: origin and
     /// unit direction in world space.
     #[inline(always)]

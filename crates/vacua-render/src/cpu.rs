@@ -174,7 +174,11 @@ impl Renderer for CpuRenderer {
     }
 }
 
-fn check(settings: &RenderSettings) -> Result<(), RenderError> {
+/// Refuses settings that make no sense.
+///
+/// # Errors
+/// [`RenderError::Size`] or [`RenderError::Step`].
+pub fn check(settings: &RenderSettings) -> Result<(), RenderError> {
     let (width, height) = (settings.width, settings.height);
     if !(1..=1 << 16).contains(&width) || !(1..=1 << 16).contains(&height) {
         return Err(RenderError::Size { width, height });
@@ -349,7 +353,7 @@ impl Rays {
 
 /// Where in the pixel the rays of a frame go through: its middle first, then the points of a
 /// low-discrepancy sequence (Roberts' R2).
-fn pixel_offset(frame: u32) -> [f64; 2] {
+pub fn pixel_offset(frame: u32) -> [f64; 2] {
     const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
     R2.map(|step| (0.5 + step * f64::from(frame)).fract())
 }

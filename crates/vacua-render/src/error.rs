@@ -1,5 +1,8 @@
 //! Why a picture cannot be made.
 
+use std::error::Error;
+use std::sync::Arc;
+
 use vacua_skip::LatticeError;
 
 use crate::camera::CameraError;
@@ -46,6 +49,9 @@ pub enum RenderError {
         /// Its cells.
         cells: usize,
     },
+    /// What renders failed: neither the scene nor the settings are to blame.
+    #[error(transparent)]
+    Device(Arc<dyn Error + Send + Sync>),
     /// Threads could not be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {

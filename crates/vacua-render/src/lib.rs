@@ -9,6 +9,7 @@ mod auto;
 mod blocks;
 mod camera;
 mod celltree;
+pub mod contract;
 mod cpu;
 mod curvilinear;
 mod error;
@@ -25,7 +26,7 @@ mod stage;
 mod tiles;
 
 pub use accumulate::Accumulator;
-pub use camera::{Camera, CameraError, Projection, View};
+pub use camera::{Camera, CameraError, Projection, View, ViewBasis};
 pub use cpu::{CpuRenderer, DEFAULT_MACROCELL_SIDE, RenderReport, Renderer, Rendering};
 pub use error::RenderError;
 pub use frame::Frame;

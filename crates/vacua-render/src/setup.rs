@@ -127,8 +127,8 @@ const INTERLEAVE: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], 
 /// Most steps from the camera to the volume: numbers of samples are exact in `f64` up to there.
 const FARTHEST: f64 = (1u64 << 52) as f64;
 
-/// One over the golden ratio: shifts the pattern from one frame to the next.
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
+/// One over the golden ratio: shifts the pattern of jitter from one frame to the next.
+pub const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Numbers of the rays of a tile, an array a coordinate.
 type Coordinates = [[f64; TILE_RAYS]; 3];

@@ -7,15 +7,14 @@ use std::sync::{Arc, OnceLock};
 
 use vacua_io::IoError;
 use vacua_io::picture::{Picture, write_picture};
-use vacua_render::{
-    Camera, ClipPlane, CpuRenderer, RenderError, RenderReport, RenderSettings, Renderer as _,
-};
+use vacua_render::{Camera, ClipPlane, RenderError, RenderReport, RenderSettings, Renderer as _};
 use vacua_volume::{
     Bounds, ComponentChoice, Dataset, DatasetError, FieldChoice, StyleError, TransferFunction,
     TransferStyle, Volume,
 };
 
 use crate::blank::explain_blank;
+use crate::device::{Backend, Device};
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]
@@ -182,33 +181,20 @@ impl Scene {
     }
 }
 
-/// What renders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Device {
-    /// The fastest that there is.
-    #[default]
-    Auto,
-    /// The CPU, with all threads.
-    Cpu,
-}
-
 /// A renderer for a device, with default settings.
 ///
 /// # Errors
 /// [`Error::Render`] if the device cannot be used.
 pub fn renderer(device: Device) -> Result<Renderer, Error> {
-    let inner = match device {
-        Device::Auto | Device::Cpu => CpuRenderer::new(None)?,
-    };
     Ok(Renderer {
-        inner,
+        inner: Backend::new(device, None)?,
         settings: RenderSettings::default(),
     })
 }
 
 /// Renders scenes, and keeps between frames what it built for them.
 pub struct Renderer {
-    inner: CpuRenderer,
+    inner: Backend,
     settings: RenderSettings,
 }
 

@@ -269,6 +269,45 @@ fn a_picture_and_how_it_came_to_be() {
 }
 
 #[test]
+fn devices_are_chosen_and_named() {
+    let folder = folder();
+    let file = text(&ball(folder.path()));
+    let picture = folder.path().join("a.png");
+    let target = text(&picture);
+    let on = |device| {
+        let mut arguments = vec!["render", &file, "-o", &target, "--size", "60x40", "--json"];
+        arguments.extend(["--device", device]);
+        vacua(&arguments)
+    };
+    let report = |output: &Output| -> Value {
+        serde_json::from_slice(&output.stdout).expect("one JSON object")
+    };
+    let cpu = on("cpu");
+    assert!(cpu.status.success(), "{}", stderr(&cpu));
+    assert_eq!(report(&cpu)["device"], "cpu");
+    let pixels = decode(&picture).2;
+    assert_eq!(on("gpu:999").status.code(), Some(1));
+    assert_eq!(on("gpu:x").status.code(), Some(2));
+    let gpu = on("gpu");
+    if !gpu.status.success() {
+        let is_required = std::env::var_os("VACUA_GPU_REQUIRED").is_some();
+        assert!(!is_required, "{}", stderr(&gpu));
+        assert_eq!(gpu.status.code(), Some(1));
+        eprintln!("SKIPPED: no Vulkan device to test on: {}", stderr(&gpu));
+        return;
+    }
+    let report = report(&gpu);
+    let name = report["device"].as_str().expect("a name");
+    assert!(name.starts_with("gpu:"), "{name}");
+    assert!(
+        report["device_secs"]["march"].as_f64() > Some(0.0),
+        "{report}"
+    );
+    let found = decode(&picture).2;
+    assert!(found.iter().zip(&pixels).all(|(a, b)| a.abs_diff(*b) <= 1));
+}
+
+#[test]
 fn skipping_and_threads_are_invisible() {
     let folder = folder();
     let file = text(&ball(folder.path()));

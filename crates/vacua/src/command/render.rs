@@ -7,9 +7,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua::{Camera, ClipPlane, Integrator, Overlay, RenderSettings, Shading, SkipMethod};
+use vacua::{
+    Backend, Camera, ClipPlane, Device, Integrator, Overlay, RenderSettings, Shading, SkipMethod,
+};
 use vacua_io::picture::{Picture, PictureFormat, write_picture};
-use vacua_render::{CpuRenderer, Jitter, Renderer as _, Rendering, Scene};
+use vacua_render::{Jitter, Renderer as _, Rendering, Scene};
 use vacua_volume::Bounds;
 
 use self::report::Report;
@@ -102,9 +104,9 @@ struct MethodArgs {
     /// Shift samples from pixel to pixel [default: on from two rays a pixel]
     #[arg(long, value_enum)]
     jitter: Option<Switch>,
-    /// What renders
-    #[arg(long, value_enum, default_value = "auto")]
-    device: DeviceChoice,
+    /// What renders: auto, cpu, gpu or gpu:N
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    device: Device,
     /// Threads [default: all there are]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -158,15 +160,6 @@ enum SkipChoice {
 enum Switch {
     On,
     Off,
-}
-
-/// What renders.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum DeviceChoice {
-    /// The fastest there is.
-    Auto,
-    /// The CPU.
-    Cpu,
 }
 
 impl MethodArgs {
@@ -276,11 +269,12 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     scene.region_of_interest = args.view.roi;
 
     let threads = args.method.threads.map(usize::from);
-    let mut renderer = CpuRenderer::new(threads).map_err(|e| Failure::Other(Box::new(e)))?;
     settings.overlay = match args.overlay {
         None => Overlay::None,
         Some(OverlayChoice::Boundary) => Overlay::Boundary,
     };
+    let mut renderer =
+        Backend::new(args.method.device, threads).map_err(|e| Failure::Other(Box::new(e)))?;
     let mut render = |settings: &RenderSettings| {
         renderer
             .render(&scene, settings)
@@ -325,6 +319,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.json {
         let report = Report::new(
             args,
+            &renderer,
             &opened.path,
             &scene,
             &first,

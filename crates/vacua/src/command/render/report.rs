@@ -1,8 +1,11 @@
 //! What `vacua render --json` prints.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
+use vacua::Backend;
+use vacua::gpu::GpuRenderer;
 use vacua_render::{Rendering, Scene};
 
 use super::{RenderArgs, SkipChoice};
@@ -24,7 +27,12 @@ pub struct Report {
     /// Samples evaluated for one frame.
     samples: u64,
     skip: Skip,
-    device: &'static str,
+    /// `cpu`, or `gpu:N` and the name of the device.
+    device: String,
+    /// Why the CPU renders, if a GPU was looked for.
+    device_reason: Option<String>,
+    /// Seconds of the stages of the last frame by the GPU's own clock.
+    device_secs: Option<BTreeMap<&'static str, f64>>,
     threads: usize,
     memory: Memory,
     /// The most memory that the process held, in bytes; null where the system does not say.
@@ -65,9 +73,19 @@ struct Memory {
     skip_bytes: usize,
 }
 
+/// Seconds by stage, those that ran several times summed.
+fn stage_secs(gpu: &GpuRenderer) -> BTreeMap<&'static str, f64> {
+    let mut secs = BTreeMap::new();
+    for (stage, took) in &gpu.timings().0 {
+        *secs.entry(*stage).or_insert(0.0) += took;
+    }
+    secs
+}
+
 impl Report {
     pub fn new(
         args: &RenderArgs,
+        renderer: &Backend,
         file: &Path,
         scene: &Scene,
         first: &Rendering,
@@ -105,7 +123,9 @@ impl Report {
                 macrocells: report.num_macrocells,
                 active: report.num_active,
             },
-            device: "cpu",
+            device: renderer.name(),
+            device_reason: renderer.reason().map(str::to_owned),
+            device_secs: renderer.gpu().map(stage_secs),
             threads: report.threads,
             memory: Memory {
                 voxel_bytes: scene.volume.scalars().bytes().len(),

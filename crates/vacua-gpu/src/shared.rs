@@ -1,0 +1,94 @@
+//! What the host tells all shaders: the one description on this side of `shared.glsl`. A test
+//! reflects the compiled shaders and compares name, offset and size of every member.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Images that a volume is split into, at most.
+pub(crate) const MAX_SLABS: usize = 16;
+
+/// Side of the square of pixels that a workgroup of the march makes.
+pub(crate) const TILE: u32 = 16;
+
+/// Invocations of a workgroup that works on macrocells, four to each.
+pub(crate) const GROUP: u32 = 256;
+
+/// Numbers of the constants that pipelines are specialised by.
+pub(crate) mod constant {
+    pub const SKIPPING: u32 = 0;
+    pub const CELL_DATA: u32 = 1;
+    pub const CHECK_FINITE: u32 = 2;
+    pub const LOG_SCALE: u32 = 3;
+    pub const SHADED: u32 = 4;
+    pub const MAXIMUM: u32 = 5;
+    pub const BLANKED: u32 = 6;
+    pub const RECTILINEAR: u32 = 7;
+    pub const NUM_SLABS: u32 = 8;
+}
+
+/// The uniform block `Parameters`; what each member means is said in `shared.glsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Parameters {
+    pub rate: [f64; 4],
+    pub rate_x: [f64; 4],
+    pub rate_y: [f64; 4],
+    pub grid: [f64; 4],
+    pub anchor: [f32; 4],
+    pub anchor_x: [f32; 4],
+    pub anchor_y: [f32; 4],
+    pub direction: [f32; 4],
+    pub direction_x: [f32; 4],
+    pub direction_y: [f32; 4],
+    pub length_sq: [f32; 4],
+    pub box_lo: [f32; 4],
+    pub box_hi: [f32; 4],
+    pub texel: [f32; 4],
+    pub table_scale: [f32; 4],
+    pub metric_squares: [f32; 4],
+    pub metric_products: [f32; 4],
+    pub bins_per_unit: [f32; 4],
+    pub last_cell: [f32; 4],
+    pub cells: [u32; 4],
+    pub macrocells: [u32; 4],
+    pub axis_offset: [u32; 4],
+    pub picture: [u32; 4],
+}
+
+/// The push constants `Push`; buffers by their address.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct Push {
+    pub table: u64,
+    pub next_active: u64,
+    pub ranges: u64,
+    pub skip: u64,
+    pub skip_before: u64,
+    pub counter: u64,
+    pub planes: u64,
+    pub blanked: u64,
+    pub clips: u64,
+    pub rgba: u64,
+    pub depth: u64,
+    pub samples: u64,
+    pub offset: [f32; 2],
+    pub jitter: f32,
+    pub weight: f32,
+    pub frame: u32,
+    pub axis: u32,
+}
+
+/// The words of a compiled shader; `None` if it is none.
+pub(crate) fn words(spirv: &[u8]) -> Option<Vec<u32>> {
+    const MAGIC: u32 = 0x0723_0203;
+    if !spirv.len().is_multiple_of(4) {
+        return None;
+    }
+    let words: Vec<u32> = spirv
+        .chunks_exact(4)
+        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect();
+    (words.first() == Some(&MAGIC)).then_some(words)
+}
+
+#[cfg(test)]
+mod tests;

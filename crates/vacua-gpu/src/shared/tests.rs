@@ -1,0 +1,229 @@
+//! Reflection: what the compiled shaders say about the structs that both sides share.
+
+use std::collections::BTreeMap;
+
+use rspirv::binary::parse_words;
+use rspirv::dr::{Instruction, Loader, Module, Operand};
+use rspirv::spirv::{Decoration, Op};
+
+use super::*;
+use crate::shaders::ALL;
+
+/// Offset and size of every member of a struct.
+type Members = BTreeMap<String, (u32, u32)>;
+
+macro_rules! members {
+    ($name:ident { $($member:ident),* $(,)? }) => {{
+        let value = $name::zeroed();
+        let base = std::ptr::from_ref(&value) as usize;
+        let all = Members::from([$((
+            stringify!($member).to_owned(),
+            (
+                (std::ptr::from_ref(&value.$member) as usize - base) as u32,
+                size_of_val(&value.$member) as u32,
+            ),
+        )),*]);
+        // Every member is named here, or this does not compile.
+        let $name { $($member: _),* } = value;
+        all
+    }};
+}
+
+fn load(spirv: &[u8]) -> Module {
+    let mut loader = Loader::new();
+    let words = words(spirv).expect("a compiled shader");
+    parse_words(&words, &mut loader).expect("valid SPIR-V");
+    loader.module()
+}
+
+fn id(operand: &Operand) -> u32 {
+    operand.id_ref_any().expect("an id")
+}
+
+fn number(operand: &Operand) -> u32 {
+    match operand {
+        Operand::LiteralBit32(value) => *value,
+        other => panic!("a number, not {other:?}"),
+    }
+}
+
+fn definition(module: &Module, id: u32) -> &Instruction {
+    let found = module
+        .types_global_values
+        .iter()
+        .find(|i| i.result_id == Some(id));
+    found.expect("the type is defined")
+}
+
+fn size_of_type(module: &Module, id_of_type: u32) -> u32 {
+    let found = definition(module, id_of_type);
+    match found.class.opcode {
+        Op::TypeFloat | Op::TypeInt => number(&found.operands[0]) / 8,
+        Op::TypeVector => number(&found.operands[1]) * size_of_type(module, id(&found.operands[0])),
+        Op::TypePointer => 8,
+        other => panic!("no such type is shared: {other:?}"),
+    }
+}
+
+/// The members of a struct of this name, if the shader has one.
+fn reflect(module: &Module, name: &str) -> Option<Members> {
+    let named = module.debug_names.iter().find(|i| {
+        i.class.opcode == Op::Name
+            && matches!(&i.operands[1], Operand::LiteralString(s) if s == name)
+            && module.types_global_values.iter().any(|t| {
+                t.class.opcode == Op::TypeStruct && t.result_id == Some(id(&i.operands[0]))
+            })
+    })?;
+    let struct_id = id(&named.operands[0]);
+    let types = &definition(module, struct_id).operands;
+    let mut members = Members::new();
+    for (index, member) in types.iter().enumerate() {
+        let of_member = |i: &&Instruction| {
+            id(&i.operands[0]) == struct_id && number(&i.operands[1]) == index as u32
+        };
+        let name = module
+            .debug_names
+            .iter()
+            .filter(|i| i.class.opcode == Op::MemberName)
+            .find(of_member)
+            .expect("members have names");
+        let offset = module
+            .annotations
+            .iter()
+            .filter(|i| i.class.opcode == Op::MemberDecorate)
+            .filter(|i| matches!(i.operands[2], Operand::Decoration(Decoration::Offset)))
+            .find(of_member)
+            .expect("members have offsets");
+        let Operand::LiteralString(name) = &name.operands[2] else {
+            panic!("names are strings");
+        };
+        let size = size_of_type(module, id(member));
+        members.insert(name.clone(), (number(&offset.operands[3]), size));
+    }
+    Some(members)
+}
+
+fn parameters() -> Members {
+    members!(Parameters {
+        rate,
+        rate_x,
+        rate_y,
+        grid,
+        anchor,
+        anchor_x,
+        anchor_y,
+        direction,
+        direction_x,
+        direction_y,
+        length_sq,
+        box_lo,
+        box_hi,
+        texel,
+        table_scale,
+        metric_squares,
+        metric_products,
+        bins_per_unit,
+        last_cell,
+        cells,
+        macrocells,
+        axis_offset,
+        picture,
+    })
+}
+
+fn push() -> Members {
+    members!(Push {
+        table,
+        next_active,
+        ranges,
+        skip,
+        skip_before,
+        counter,
+        planes,
+        blanked,
+        clips,
+        rgba,
+        depth,
+        samples,
+        offset,
+        jitter,
+        weight,
+        frame,
+        axis,
+    })
+}
+
+#[test]
+fn both_sides_agree_on_every_member() {
+    let mut seen = [0, 0];
+    for (name, spirv) in ALL {
+        let module = load(spirv);
+        let structs = [("Parameters", parameters()), ("Push", push())];
+        for (i, (struct_name, ours)) in structs.into_iter().enumerate() {
+            if let Some(theirs) = reflect(&module, struct_name) {
+                assert_eq!(theirs, ours, "{struct_name} of {name}");
+                seen[i] += 1;
+            }
+        }
+    }
+    assert!(seen.iter().all(|&n| n >= ALL.len() - 1), "{seen:?}");
+    assert!(size_of::<Push>() <= 128, "every device has as many bytes");
+}
+
+/// Negative control: a struct with two members swapped, and one that ends later, are noticed.
+#[test]
+fn disagreements_are_noticed() {
+    let theirs = reflect(&load(ALL[0].1), "Push").expect("all shaders have it");
+    let mut swapped = push();
+    let (jitter, weight) = (swapped["jitter"], swapped["weight"]);
+    swapped.insert("jitter".to_owned(), weight);
+    swapped.insert("weight".to_owned(), jitter);
+    assert_ne!(theirs, swapped);
+    let mut wider = push();
+    wider.insert("axis".to_owned(), (wider["axis"].0, 8));
+    assert_ne!(theirs, wider);
+}
+
+/// The constants that both sides write.
+#[test]
+fn both_sides_agree_on_constants() {
+    let text = include_str!("../shared.glsl");
+    let value = |name: &str| {
+        let at = text.find(&format!("{name} = ")).expect("it is there");
+        let rest = &text[at + name.len() + 3..];
+        rest[..rest.find(';').expect("it ends")].to_owned()
+    };
+    assert_eq!(value("MAX_SLABS"), MAX_SLABS.to_string());
+    assert_eq!(
+        value("TRANSFER_BINS"),
+        vacua_volume::TRANSFER_BINS.to_string()
+    );
+    assert_eq!(value("BLOCK"), vacua_render::contract::BLOCK.to_string());
+    assert_eq!(
+        value("MAX_LEVEL"),
+        vacua_render::contract::MAX_LEVEL.to_string()
+    );
+    assert_eq!(value("MAX_SAMPLES"), "1u << 23");
+    assert_eq!(vacua_skip::MAX_SAMPLES, 1 << 23);
+    assert_eq!(value("BELOW_ONE").parse(), Ok(1.0f32.next_down()));
+    assert_eq!(value("LARGEST").parse(), Ok(f32::MAX));
+    for (id, name) in [
+        (constant::SKIPPING, "SKIPPING"),
+        (constant::CELL_DATA, "CELL_DATA"),
+        (constant::CHECK_FINITE, "CHECK_FINITE"),
+        (constant::LOG_SCALE, "LOG_SCALE"),
+        (constant::SHADED, "SHADED"),
+        (constant::MAXIMUM, "MAXIMUM"),
+        (constant::BLANKED, "BLANKED"),
+        (constant::RECTILINEAR, "RECTILINEAR"),
+        (constant::NUM_SLABS, "NUM_SLABS"),
+    ] {
+        let line = text
+            .lines()
+            .find(|line| line.contains(&format!("constant_id = {id})")));
+        assert!(
+            line.is_some_and(|line| line.contains(&format!(" {name} = "))),
+            "{name}"
+        );
+    }
+}

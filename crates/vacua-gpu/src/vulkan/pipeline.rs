@@ -1,0 +1,216 @@
+//! Compute pipelines, and the one layout that they share: parameters, the volume's images, and a
+//! block of push constants.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::{Buffer, Device, Layers, Named, Sampler};
+use crate::error::GpuError;
+use crate::shared::{MAX_SLABS, Push};
+
+/// A value that specialises a shader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Constant {
+    /// Its `constant_id`.
+    pub id: u32,
+    /// Its bits; booleans are 0 or 1.
+    pub bits: u32,
+}
+
+/// What all pipelines are given: binding 0 the parameters, binding 1 the images.
+pub(crate) struct Layout {
+    device: Arc<Device>,
+    set_layout: vk::DescriptorSetLayout,
+    pipeline_layout: vk::PipelineLayout,
+    pool: vk::DescriptorPool,
+    set: vk::DescriptorSet,
+    cache: vk::PipelineCache,
+    sampler: Sampler,
+}
+
+impl Layout {
+    pub fn new(device: &Arc<Device>) -> Result<Self, GpuError> {
+        let sampler = Sampler::new(device)?;
+        let mut layout = Self {
+            device: device.clone(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            pipeline_layout: vk::PipelineLayout::null(),
+            pool: vk::DescriptorPool::null(),
+            set: vk::DescriptorSet::null(),
+            cache: vk::PipelineCache::null(),
+            sampler,
+        };
+        let raw = device.raw();
+        let name = device.name();
+        let bindings = [
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(0)
+                .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER)
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(1)
+                .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+                .descriptor_count(MAX_SLABS as u32)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+        ];
+        let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: pointers in `create` outlive the call; likewise below.
+        layout.set_layout = unsafe { raw.create_descriptor_set_layout(&create, None) }
+            .named("making a descriptor layout", name)?;
+        let sets = [layout.set_layout];
+        let push = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .size(size_of::<Push>() as u32)];
+        let create = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(&sets)
+            .push_constant_ranges(&push);
+        // SAFETY: the set layout is alive.
+        layout.pipeline_layout = unsafe { raw.create_pipeline_layout(&create, None) }
+            .named("making a pipeline layout", name)?;
+        let sizes = [
+            vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::UNIFORM_BUFFER)
+                .descriptor_count(1),
+            vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+                .descriptor_count(MAX_SLABS as u32),
+        ];
+        let create = vk::DescriptorPoolCreateInfo::default()
+            .max_sets(1)
+            .pool_sizes(&sizes);
+        // SAFETY: as above.
+        layout.pool = unsafe { raw.create_descriptor_pool(&create, None) }
+            .named("making a descriptor pool", name)?;
+        let allocate = vk::DescriptorSetAllocateInfo::default()
+            .descriptor_pool(layout.pool)
+            .set_layouts(&sets);
+        // SAFETY: the pool has room for one set of this layout.
+        let found = unsafe { raw.allocate_descriptor_sets(&allocate) }
+            .named("taking a descriptor set", name)?;
+        layout.set = found[0];
+        // SAFETY: an empty cache.
+        layout.cache = unsafe { raw.create_pipeline_cache(&Default::default(), None) }
+            .named("making a pipeline cache", name)?;
+        Ok(layout)
+    }
+
+    /// Points the bindings to parameters and images; where there are fewer images than places, the
+    /// last one stands in.
+    pub fn bind(&mut self, parameters: &Buffer, images: &[Layers]) {
+        let buffer = [vk::DescriptorBufferInfo::default()
+            .buffer(parameters.raw())
+            .range(vk::WHOLE_SIZE)];
+        let Some(last) = images.last() else { return };
+        let places: Vec<vk::DescriptorImageInfo> = (0..MAX_SLABS)
+            .map(|i| {
+                vk::DescriptorImageInfo::default()
+                    .sampler(self.sampler.raw())
+                    .image_view(images.get(i).unwrap_or(last).view())
+                    .image_layout(vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL)
+            })
+            .collect();
+        let writes = [
+            vk::WriteDescriptorSet::default()
+                .dst_set(self.set)
+                .dst_binding(0)
+                .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER)
+                .buffer_info(&buffer),
+            vk::WriteDescriptorSet::default()
+                .dst_set(self.set)
+                .dst_binding(1)
+                .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
+                .image_info(&places),
+        ];
+        // SAFETY: submissions are waited for, so the set is not in use; all objects are alive.
+        unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) }
+    }
+
+    pub fn raw(&self) -> vk::PipelineLayout {
+        self.pipeline_layout
+    }
+
+    pub fn set(&self) -> vk::DescriptorSet {
+        self.set
+    }
+}
+
+impl Drop for Layout {
+    fn drop(&mut self) {
+        let raw = self.device.raw();
+        // SAFETY: submissions are waited for, so nothing uses these; null handles are allowed.
+        unsafe {
+            raw.destroy_pipeline_cache(self.cache, None);
+            raw.destroy_descriptor_pool(self.pool, None);
+            raw.destroy_pipeline_layout(self.pipeline_layout, None);
+            raw.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// A compute shader, specialised and ready.
+pub(crate) struct ComputePipeline {
+    device: Arc<Device>,
+    raw: vk::Pipeline,
+}
+
+impl ComputePipeline {
+    /// Compiles a shader.
+    pub fn new(layout: &Layout, spirv: &[u32], constants: &[Constant]) -> Result<Self, GpuError> {
+        let device = &layout.device;
+        let name = device.name();
+        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
+        // SAFETY: the code is SPIR-V that glslang wrote.
+        let module = unsafe { device.raw().create_shader_module(&create, None) }
+            .named("loading a shader", name)?;
+        let entries: Vec<vk::SpecializationMapEntry> = constants
+            .iter()
+            .enumerate()
+            .map(|(i, constant)| {
+                vk::SpecializationMapEntry::default()
+                    .constant_id(constant.id)
+                    .offset(4 * i as u32)
+                    .size(4)
+            })
+            .collect();
+        let bits: Vec<u32> = constants.iter().map(|c| c.bits).collect();
+        let special = vk::SpecializationInfo::default()
+            .map_entries(&entries)
+            .data(bytemuck::cast_slice(&bits));
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&special);
+        let create = [vk::ComputePipelineCreateInfo::default()
+            .stage(stage)
+            .layout(layout.pipeline_layout)];
+        // SAFETY: everything that `create` points to is alive.
+        let made = unsafe {
+            device
+                .raw()
+                .create_compute_pipelines(layout.cache, &create, None)
+        };
+        // SAFETY: pipelines keep what they need of the module.
+        unsafe { device.raw().destroy_shader_module(module, None) };
+        let made = made
+            .map_err(|(_, result)| result)
+            .named("compiling a shader", name)?;
+        Ok(Self {
+            device: device.clone(),
+            raw: made[0],
+        })
+    }
+
+    pub fn raw(&self) -> vk::Pipeline {
+        self.raw
+    }
+}
+
+impl Drop for ComputePipeline {
+    fn drop(&mut self) {
+        // SAFETY: submissions are waited for, so nothing uses the pipeline.
+        unsafe { self.device.raw().destroy_pipeline(self.raw, None) }
+    }
+}

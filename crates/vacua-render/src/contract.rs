@@ -1,0 +1,9 @@
+//! What other renderers need in order to make the same pictures: where samples are, and what they
+//! are worth.
+
+pub use vacua_simd::BLOCK;
+
+pub use crate::blocks::{MAX_LEVEL, SpanMinima};
+pub use crate::cpu::{check, pixel_offset};
+pub use crate::setup::GOLDEN;
+pub use crate::space::RaySpace;

@@ -1,0 +1,160 @@
+//! What renders: the CPU, or a GPU where there is one.
+
+use std::str::FromStr;
+
+use vacua_gpu::{DeviceChoice, GpuError, GpuRenderer};
+use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Rendering, Scene};
+
+/// What renders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Device {
+    /// A GPU if there is one that can render the scene, else the CPU.
+    #[default]
+    Auto,
+    /// The CPU, with all threads.
+    Cpu,
+    /// The best Vulkan device, even one that is a program on the CPU; or one by its number.
+    Gpu(Option<usize>),
+}
+
+impl FromStr for Device {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            other => match other.parse() {
+                Ok(DeviceChoice::Number(number)) => Ok(Self::Gpu(Some(number))),
+                Ok(_) => Ok(Self::Gpu(None)),
+                Err(_) => Err(format!("expected auto, cpu, gpu or gpu:N, found `{other}`")),
+            },
+        }
+    }
+}
+
+/// A renderer on a device, or on whichever one fits.
+pub struct Backend {
+    gpu: Option<GpuRenderer>,
+    cpu: Option<CpuRenderer>,
+    threads: Option<usize>,
+    /// Whether the CPU may step in for the GPU.
+    is_auto: bool,
+    /// Why the CPU renders, if a GPU was looked for.
+    reason: Option<String>,
+}
+
+impl Backend {
+    /// A renderer for a device; `threads` are those of the CPU, all that there are if not given.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] if a GPU was asked for and there is none, [`RenderError::Threads`].
+    pub fn new(device: Device, threads: Option<usize>) -> Result<Self, RenderError> {
+        let mut backend = Self {
+            gpu: None,
+            cpu: None,
+            threads,
+            is_auto: device == Device::Auto,
+            reason: None,
+        };
+        let choice = match device {
+            Device::Auto => DeviceChoice::Hardware,
+            Device::Cpu => {
+                backend.cpu = Some(CpuRenderer::new(threads)?);
+                return Ok(backend);
+            }
+            Device::Gpu(None) => DeviceChoice::Any,
+            Device::Gpu(Some(number)) => DeviceChoice::Number(number),
+        };
+        match GpuRenderer::new(choice) {
+            Ok(gpu) => backend.gpu = Some(gpu),
+            Err(error) if backend.is_auto => backend.fall_back(&error)?,
+            Err(error) => return Err(error.into()),
+        }
+        Ok(backend)
+    }
+
+    /// Goes on with the CPU.
+    fn fall_back(&mut self, error: &dyn std::error::Error) -> Result<(), RenderError> {
+        tracing::info!(%error, "rendering on the CPU");
+        self.reason = Some(error.to_string());
+        self.gpu = None;
+        self.cpu = Some(CpuRenderer::new(self.threads)?);
+        Ok(())
+    }
+
+    /// What renders: `cpu`, or `gpu:N` and the name of the device.
+    pub fn name(&self) -> String {
+        match &self.gpu {
+            Some(gpu) => {
+                let info = gpu.device().info();
+                format!("gpu:{} {}", info.number, info.name)
+            }
+            None => "cpu".to_owned(),
+        }
+    }
+
+    /// Why the CPU renders, if a GPU was looked for.
+    pub fn reason(&self) -> Option<&str> {
+        self.reason.as_deref()
+    }
+
+    /// The renderer on the GPU, if that is what renders.
+    pub fn gpu(&self) -> Option<&GpuRenderer> {
+        self.gpu.as_ref()
+    }
+}
+
+impl Renderer for Backend {
+    /// Renders one picture. Where the GPU was chosen automatically and cannot render the scene, the
+    /// CPU does, from then on.
+    fn render(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+    ) -> Result<Rendering, RenderError> {
+        if let Some(gpu) = &mut self.gpu {
+            match gpu.render(scene, settings) {
+                Err(RenderError::Device(error)) if self.is_auto => {
+                    if !matches!(
+                        error.downcast_ref::<GpuError>(),
+                        Some(GpuError::Unsupported { .. } | GpuError::Memory { .. })
+                    ) {
+                        tracing::warn!(%error, "the GPU failed");
+                    }
+                    self.fall_back(&*error)?;
+                }
+                other => return other,
+            }
+        }
+        match &mut self.cpu {
+            Some(cpu) => cpu.render(scene, settings),
+            None => self
+                .cpu
+                .insert(CpuRenderer::new(self.threads)?)
+                .render(scene, settings),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_read_as_written() {
+        assert_eq!("auto".parse(), Ok(Device::Auto));
+        assert_eq!("cpu".parse(), Ok(Device::Cpu));
+        assert_eq!("gpu".parse(), Ok(Device::Gpu(None)));
+        assert_eq!("gpu:3".parse(), Ok(Device::Gpu(Some(3))));
+        for wrong in ["", "GPU", "gpu:", "gpu:x", "cpu:1"] {
+            assert!(wrong.parse::<Device>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_device_that_does_not_exist_is_refused() {
+        let error = Backend::new(Device::Gpu(Some(999)), Some(1)).err();
+        assert!(matches!(error, Some(RenderError::Device(_))), "{error:?}");
+    }
+}
