@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::command::{cargo, command};
 
 /// Crates from bottom to top; those on one level do not know each other, except at the top.
-const LEVELS: [&[&str]; 8] = [
+const LEVELS: [&[&str]; 9] = [
     &["vacua-simd"],
     &["vacua-volume"],
     &["vacua-io", "vacua-synth"],
@@ -16,7 +16,8 @@ const LEVELS: [&[&str]; 8] = [
     &["vacua-pack"],
     &["vacua-render"],
     &["vacua-gpu", "vacua-cluster", "vacua-view"],
-    &["vacua", "vacua-bench", "vacua-py"],
+    &["vacua-bench"],
+    &["vacua", "vacua-py"],
 ];
 
 /// The crate at and below which only plain libraries are allowed.

@@ -9,6 +9,7 @@
 
 pub mod auto;
 mod cell;
+pub mod command;
 mod error;
 pub mod gpu;
 mod machine;

@@ -13,8 +13,8 @@ use std::time::Instant;
 
 use vacua_render::contract::{GOLDEN, check, pixel_offset};
 use vacua_render::{
-    Integrator, Jitter, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene,
-    SkipMethod,
+    Integrator, Jitter, Overlay, RenderError, RenderReport, RenderSettings, Renderer, Rendering,
+    Scene, SkipMethod,
 };
 use vacua_skip::Lattice;
 use vacua_volume::{TransferFunction, TransferTable, ValueScale};
@@ -395,6 +395,9 @@ impl GpuRenderer {
             SkipMethod::Grid => true,
             other => return Err(unsupported(&format!("--skip {}", other.name()))),
         };
+        if settings.overlay != Overlay::None {
+            return Err(unsupported("--overlay"));
+        }
         let lattice = Lattice::new(volume.space.axes.clone(), plan.side)
             .map_err(|e| GpuError::Render(RenderError::Lattice(e)))?;
         let mut parameters = Parameters::default();

@@ -53,6 +53,11 @@ enum Command {
     Encode(Box<encode::EncodeArgs>),
     /// Procedural volumes and meshes of any size
     Synth(synth::SynthArgs),
+    /// The papers' tables on this machine
+    Bench {
+        #[command(subcommand)]
+        what: Box<vacua_bench::command::Command>,
+    },
 }
 
 /// Wrong usage that only shows when arguments meet each other.
@@ -130,6 +135,9 @@ pub fn main() -> ExitCode {
         Command::Convert(args) => convert::run(*args),
         Command::Encode(args) => encode::run(&args),
         Command::Synth(args) => synth::run(&args),
+        Command::Bench { what } => vacua_bench::command::run(*what)
+            .map_err(Failure::Other)
+            .and_then(|text| output::print(&text)),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
