@@ -30,12 +30,13 @@ fn flat_grids_and_other_types_are_refused_by_name() {
         matches!(flat, Problem::Grid(GridError::Flat(1, 5, 5))),
         "{flat}"
     );
-    let mesh = read_text("a.vtk", &legacy("UNSTRUCTURED_GRID")).unwrap_err();
+    let lines = read_text("a.vtk", &legacy("POLYDATA")).unwrap_err();
     assert!(
-        mesh.to_string()
-            .contains("UNSTRUCTURED_GRID is not supported"),
-        "{mesh}"
+        lines.to_string().contains("POLYDATA is not supported"),
+        "{lines}"
     );
+    let mesh = read_text("a.vtk", &legacy("UNSTRUCTURED_GRID")).unwrap_err();
+    assert!(mesh.to_string().contains("expected POINTS"), "{mesh}");
     let mesh = r#"<VTKFile type="PolyData"><PolyData/></VTKFile>"#;
     let mesh = read_text("a.vtp", mesh).unwrap_err();
     assert!(
