@@ -49,6 +49,15 @@ impl Nodes {
         }
     }
 
+    /// Asks for a node that will be visited soon.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, node: usize) {
+        match self {
+            Self::MultiLeaves(nodes) => vacua_simd::prefetch(nodes.as_slice(), node),
+            Self::MultiNodes(nodes) => vacua_simd::prefetch(nodes.as_slice(), node),
+        }
+    }
+
     /// One node's boxes and counts, and its first inner child (0 in variant 1).
     #[inline(always)]
     pub fn get(&self, node: usize) -> Option<(&MultiLeaf, u32)> {
@@ -253,6 +262,20 @@ impl<'a> Submesh<'a> {
         self.nodes.get(usize::try_from(place).ok()?)
     }
 
+    /// Asks for a node that will be visited soon.
+    #[inline(always)]
+    pub(crate) fn prefetch_node(&self, node: u32) {
+        let place = self.header.first_node.saturating_add(u64::from(node));
+        self.nodes
+            .prefetch(usize::try_from(place).unwrap_or(usize::MAX));
+    }
+
+    /// Asks for indices that will be read soon.
+    #[inline(always)]
+    pub(crate) fn prefetch_indices(&self, first: u32) {
+        self.indices.prefetch(first);
+    }
+
     /// Calls `visit` with the primitive (see [`PackedCell::index`]), type and vertices of every cell
     /// in a leaf whose primitives start at an index.
     #[inline(always)]
@@ -293,7 +316,7 @@ impl<'a> Submesh<'a> {
 
     /// What eight indices are: the number of markers at their end says so.
     #[inline(always)]
-    fn other(&self, mut corners: [u32; 8]) -> (CellType, [u32; 8]) {
+    pub(crate) fn other(&self, mut corners: [u32; 8]) -> (CellType, [u32; 8]) {
         if !self.header.has_marker() || corners[7] != self.indices.largest() {
             return (CellType::Hexahedron, corners);
         }

@@ -455,7 +455,9 @@ unsafe fn eight_points(
         macro_rules! two {
             ($i:expr) => {
                 _mm256_insertf128_ps::<1>(
-                    _mm256_castps128_ps256(_mm_loadu_ps(base.add(index[from + $i] as usize).cast())),
+                    _mm256_castps128_ps256(_mm_loadu_ps(
+                        base.add(index[from + $i] as usize).cast(),
+                    )),
                     _mm_loadu_ps(base.add(index[from + $i + 4] as usize).cast()),
                 )
             };

@@ -555,7 +555,9 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
         // Points are loaded as four numbers, of which the last belongs to the next point.
-        let limit = u32::try_from(points.len()).unwrap_or(u32::MAX).saturating_sub(1);
+        let limit = u32::try_from(points.len())
+            .unwrap_or(u32::MAX)
+            .saturating_sub(1);
         // SAFETY: the features are there; `index` has sixteen numbers.
         let within = unsafe {
             let index = _mm512_loadu_si512(index.as_ptr().cast());

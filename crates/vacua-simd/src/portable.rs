@@ -202,11 +202,15 @@ impl Float for F {
     }
     #[inline(never)]
     fn lowest(self) -> f32 {
-        self.0.iter().fold(self.0[0], |a, &b| if b < a { b } else { a })
+        self.0
+            .iter()
+            .fold(self.0[0], |a, &b| if b < a { b } else { a })
     }
     #[inline(never)]
     fn highest(self) -> f32 {
-        self.0.iter().fold(self.0[0], |a, &b| if b > a { b } else { a })
+        self.0
+            .iter()
+            .fold(self.0[0], |a, &b| if b > a { b } else { a })
     }
     #[inline(never)]
     fn permute(self, index: I) -> Self {

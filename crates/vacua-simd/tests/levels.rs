@@ -67,7 +67,9 @@ impl Kernel for Operations {
         out.extend(ends.map(f32::to_bits));
         let finite = a.abs().le(S::F::splat(f32::MAX));
         // Adding 0 makes one zero of two.
-        out.extend([a.or_zero(finite).lowest(), a.or_zero(finite).highest()].map(|v| (v + 0.0).to_bits()));
+        out.extend(
+            [a.or_zero(finite).lowest(), a.or_zero(finite).highest()].map(|v| (v + 0.0).to_bits()),
+        );
         out.extend(c.blocks().as_flattened().iter().map(|v| v.to_bits()));
         out
     }
