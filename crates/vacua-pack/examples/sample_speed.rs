@@ -10,9 +10,15 @@ use vacua_synth::meshes;
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
 
 const LANES: usize = 16;
+/// Vectors that are timed together.
+const CHUNK: usize = 128;
+/// Runs, of which the best counts.
+const RUNS: usize = 9;
 
 fn random(state: &mut u64) -> f32 {
-    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    *state = state
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
     (*state >> 40) as f32 / (1u64 << 24) as f32
 }
 
@@ -99,8 +105,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let start = Instant::now();
     let encoded = encode(&mesh, EncodeOptions::default())?;
-    let field =
-        PackedField::pack(&encoded.mesh, &encoded.map, "scalar", Association::Point, &values)?;
+    let field = PackedField::pack(
+        &encoded.mesh,
+        &encoded.map,
+        "scalar",
+        Association::Point,
+        &values,
+    )?;
     println!(
         "{kind}{n}: {:.2} B a cell, encoded in {:.1} s",
         (encoded.mesh.bytes().total() + field.bytes().ranges) as f64 / mesh.num_cells() as f64,
@@ -112,29 +123,35 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("random", random_blocks(n as f32, 20_000)),
     ];
     for (order, blocks) in orders {
-        let mut best = f64::INFINITY;
-        let mut sum = 0.0;
-        let mut found = 0u64;
-        for _ in 0..7 {
+        // The best of several runs, chunk by chunk: what a core does that is left alone.
+        let mut best = vec![f64::INFINITY; blocks.len().div_ceil(CHUNK)];
+        let mut fastest = f64::INFINITY;
+        let (mut sum, mut found) = (0.0, 0);
+        for _ in 0..RUNS {
             let start = Instant::now();
             (sum, found) = blocks
-                .par_chunks(256)
-                .map(|chunk| {
+                .par_chunks(CHUNK)
+                .zip(&mut best)
+                .map(|(chunk, best)| {
+                    let start = Instant::now();
                     let (mut sum, mut found) = (0.0, 0);
                     for at in chunk {
                         let sampled = sampler.sample(at, u16::MAX);
                         sum += f64::from(sampled.values.iter().sum::<f32>());
                         found += u64::from(sampled.valid.count_ones());
                     }
+                    *best = best.min(start.elapsed().as_secs_f64());
                     (sum, found)
                 })
                 .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-            best = best.min(start.elapsed().as_secs_f64());
+            fastest = fastest.min(start.elapsed().as_secs_f64());
         }
+        let core_secs: f64 = best.iter().sum();
         let count = blocks.len() * LANES;
         println!(
-            "{order}: {:.2} Msamples/s ({count} samples, {found} inside, mean {:.4})",
-            count as f64 / best * 1e-6,
+            "{order}: {:.2} Msamples/s, {:.2} a core left alone ({count} samples, {found} inside, mean {:.4})",
+            count as f64 / fastest * 1e-6,
+            count as f64 / core_secs * 1e-6,
             sum / count as f64
         );
     }

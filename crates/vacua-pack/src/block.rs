@@ -54,8 +54,6 @@ pub struct Located {
     pub cell_type: [u8; LANES],
     /// Which node of the sub-mesh.
     pub node: [u32; LANES],
-    /// How many cells of that node come before it.
-    pub cell_in_node: [u32; LANES],
     /// Its corners, as vertices of the sub-mesh: four of a tetrahedron, eight of others, of which
     /// those past the end are repetitions.
     pub corners: [[u32; LANES]; MAX_CORNERS],
@@ -73,7 +71,6 @@ impl Default for Located {
             primitive: [u64::MAX; LANES],
             cell_type: [0; LANES],
             node: [0; LANES],
-            cell_in_node: [0; LANES],
             corners: [[0; LANES]; MAX_CORNERS],
             weights: [[0.0; LANES]; MAX_CORNERS],
         }
@@ -86,6 +83,13 @@ impl Located {
         CellType::ALL[usize::from(self.cell_type[lane]) % CellType::ALL.len()]
     }
 
+    /// How many cells of its node come before a lane's cell.
+    pub fn cell_in_node(&self, mesh: &PackedMesh, lane: usize) -> u32 {
+        let submesh = mesh.submesh(self.submesh[lane] as usize);
+        let before = |s| batch::cells_before(&s, self.node[lane], self.primitive[lane]);
+        submesh.map_or(0, before)
+    }
+
     /// Takes over what the scalar locator found for a lane.
     fn set(&mut self, lane: usize, location: &Location) {
         let cell = &location.cell;
@@ -96,7 +100,6 @@ impl Located {
         self.others &= !(1 << lane);
         self.others |= u16::from(cell.cell_type != CellType::Tetrahedron) << lane;
         self.node[lane] = location.node;
-        self.cell_in_node[lane] = location.cell_in_node;
         for corner in 0..MAX_CORNERS {
             self.corners[corner][lane] = cell.corners[corner];
             self.weights[corner][lane] = location.weights[corner] as f32;

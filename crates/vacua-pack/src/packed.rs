@@ -49,12 +49,12 @@ impl Nodes {
         }
     }
 
-    /// Asks for a node that will be visited soon.
-    #[inline(always)]
-    pub(crate) fn prefetch(&self, node: usize) {
+    /// Some of them, if there are so many.
+    fn slice(&self, places: std::ops::Range<u64>) -> Option<NodeSlice<'_>> {
+        let places = usize::try_from(places.start).ok()?..usize::try_from(places.end).ok()?;
         match self {
-            Self::MultiLeaves(nodes) => vacua_simd::prefetch(nodes.as_slice(), node),
-            Self::MultiNodes(nodes) => vacua_simd::prefetch(nodes.as_slice(), node),
+            Self::MultiLeaves(n) => n.as_slice().get(places).map(NodeSlice::MultiLeaves),
+            Self::MultiNodes(n) => n.as_slice().get(places).map(NodeSlice::MultiNodes),
         }
     }
 
@@ -190,7 +190,7 @@ impl PackedMesh {
             grid: Grid::of(header),
             positions: self.positions().get(first..end)?,
             indices: self.indices().from(header.first_index),
-            nodes: &self.nodes,
+            nodes: self.nodes.slice(header.nodes())?,
         })
     }
 
@@ -248,26 +248,36 @@ pub struct Submesh<'a> {
     pub positions: &'a [[f32; 3]],
     /// Its indices, and those of sub-meshes after it.
     pub indices: IndexList<'a>,
-    nodes: &'a Nodes,
+    nodes: NodeSlice<'a>,
+}
+
+/// The nodes of one sub-mesh.
+#[derive(Clone, Copy)]
+enum NodeSlice<'a> {
+    MultiLeaves(&'a [MultiLeaf]),
+    MultiNodes(&'a [MultiNode]),
 }
 
 impl<'a> Submesh<'a> {
     /// One of its nodes.
     #[inline(always)]
     pub fn node(&self, node: u32) -> Option<(&'a MultiLeaf, u32)> {
-        if node >= self.header.num_nodes {
-            return None;
+        match self.nodes {
+            NodeSlice::MultiLeaves(nodes) => nodes.get(node as usize).map(|n| (n, 0)),
+            NodeSlice::MultiNodes(nodes) => {
+                let node = nodes.get(node as usize)?;
+                Some((&node.leaf, node.first_child))
+            }
         }
-        let place = self.header.first_node.checked_add(u64::from(node))?;
-        self.nodes.get(usize::try_from(place).ok()?)
     }
 
     /// Asks for a node that will be visited soon.
     #[inline(always)]
     pub(crate) fn prefetch_node(&self, node: u32) {
-        let place = self.header.first_node.saturating_add(u64::from(node));
-        self.nodes
-            .prefetch(usize::try_from(place).unwrap_or(usize::MAX));
+        match self.nodes {
+            NodeSlice::MultiLeaves(nodes) => vacua_simd::prefetch(nodes, node as usize),
+            NodeSlice::MultiNodes(nodes) => vacua_simd::prefetch(nodes, node as usize),
+        }
     }
 
     /// Asks for indices that will be read soon.

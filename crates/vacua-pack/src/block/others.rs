@@ -7,7 +7,7 @@ use vacua_volume::CellType;
 use crate::element::weights_at;
 use crate::packed::Submesh;
 
-use super::batch::{Batch, Leaf};
+use super::batch::Batch;
 use super::maps::{Hexahedron, Pyramid, Wedge, largest, newton};
 use super::{Located, MAX_CORNERS, Places};
 
@@ -28,8 +28,6 @@ struct Verdict<S: Simd> {
 #[inline(always)]
 pub(super) fn test<S: Simd>(
     submesh: &Submesh,
-    number: u32,
-    leaves: &[Leaf],
     batch: &Batch<MAX_CORNERS>,
     at: &Places,
     out: &mut Located,
@@ -37,7 +35,7 @@ pub(super) fn test<S: Simd>(
     let zero = S::F::splat(0.0);
     let mut corners = [[zero; 3]; MAX_CORNERS];
     for k in 0..MAX_CORNERS {
-        corners[k] = S::gather_points(submesh.positions, &batch.corners[k]);
+        corners[k] = S::gather_points(submesh.positions, batch.corner(k));
     }
     let mut lo = corners[0];
     let mut hi = corners[0];
@@ -100,11 +98,9 @@ pub(super) fn test<S: Simd>(
             }
             out.found |= 1 << lane;
             out.others |= 1 << lane;
-            out.submesh[lane] = number;
             out.primitive[lane] = primitive;
             out.cell_type[lane] = batch.cell_type[slot];
-            out.node[lane] = leaves[usize::from(batch.leaf[slot])].node;
-            out.cell_in_node[lane] = batch.cell_in_node[slot];
+            out.node[lane] = batch.node[slot];
             for k in 0..MAX_CORNERS {
                 out.corners[k][lane] = batch.corners[k][slot];
             }

@@ -10,9 +10,11 @@ use vacua_simd::{Float, LANES, Mask, Simd, per_axis};
 use vacua_volume::CellType;
 
 use crate::element::weights_at;
+use crate::layout::PAIR_INDICES;
 use crate::packed::Submesh;
+use crate::pairs::tets_of;
 
-use super::batch::{Batch, Leaf};
+use super::batch::Batch;
 use super::{Located, Places};
 
 /// Bound on the rounding of a volume, in units of the volume of the leaf's box: the last of the
@@ -44,8 +46,6 @@ fn dot<F: Float>(a: [F; 3], b: [F; 3]) -> F {
 #[inline(always)]
 pub(super) fn test<S: Simd>(
     submesh: &Submesh,
-    number: u32,
-    leaves: &[Leaf],
     batch: &Batch<4>,
     scale: f32,
     rounding: f32,
@@ -53,16 +53,18 @@ pub(super) fn test<S: Simd>(
     out: &mut Located,
 ) {
     let scale = S::F::splat(scale);
-    let a = S::gather_points(submesh.positions, &batch.corners[0]);
-    let b = S::gather_points(submesh.positions, &batch.corners[1]);
-    let c = S::gather_points(submesh.positions, &batch.corners[2]);
-    let d = S::gather_points(submesh.positions, &batch.corners[3]);
+    let a = S::gather_points(submesh.positions, batch.corner(0));
+    let b = S::gather_points(submesh.positions, batch.corner(1));
+    let c = S::gather_points(submesh.positions, batch.corner(2));
+    let d = S::gather_points(submesh.positions, batch.corner(3));
     let b = per_axis!(i => (b[i] - a[i]) * scale);
     let c = per_axis!(i => (c[i] - a[i]) * scale);
     let d = per_axis!(i => (d[i] - a[i]) * scale);
     let (cd, db, bc) = (cross(c, d), cross(d, b), cross(b, c));
     let whole = dot(b, cd);
-    let bound = S::F::from_array(batch.volume) * S::F::splat(rounding) + S::F::splat(SMALLEST);
+    let mut volume = [0.0; LANES];
+    volume.copy_from_slice(&batch.volume[..LANES]);
+    let bound = S::F::from_array(volume) * S::F::splat(rounding) + S::F::splat(SMALLEST);
     // With the sign of the whole all volumes inside are positive, whichever way the cell is turned.
     let zero = S::F::splat(0.0);
     let factor = scale.select(zero.le(whole), zero - scale);
@@ -85,39 +87,60 @@ pub(super) fn test<S: Simd>(
         let candidates = batch.candidates[lane];
         let inside = bound.lt(least).to_bits() & candidates;
         let outside = least.lt(below).to_bits();
-        let mut accepted = candidates & !outside;
-        while accepted != 0 {
-            let slot = accepted.trailing_zeros() as usize;
-            accepted &= accepted - 1;
-            let primitive = batch.primitive[slot];
-            if out.found >> lane & 1 == 1 && out.primitive[lane] <= primitive {
-                continue;
-            }
-            if inside >> slot & 1 == 0 && !accepts(submesh, batch, slot, at, lane) {
-                continue;
-            }
+        let accepted = candidates & !outside;
+        if accepted & !inside != 0 || accepted & accepted.wrapping_sub(1) != 0 {
+            decide(submesh, batch, inside, accepted, at, lane, out);
+            continue;
+        }
+        // One cell or none, without doubt: no branch, which would be guessed wrong half of the time.
+        let slot = (accepted.trailing_zeros() as usize).min(LANES - 1);
+        let primitive = batch.primitive[slot];
+        let is_found = out.found >> lane & 1 == 1;
+        let better = (accepted != 0) & !(is_found & (out.primitive[lane] <= primitive));
+        out.primitive[lane] = if better {
+            primitive
+        } else {
+            out.primitive[lane]
+        };
+        out.node[lane] = if better {
+            batch.node[slot]
+        } else {
+            out.node[lane]
+        };
+        out.found |= u16::from(better) << lane;
+        out.others &= !(u16::from(better) << lane);
+    }
+}
+
+/// Several cells, or some in doubt, one after the other.
+#[cold]
+#[inline(never)]
+fn decide(
+    submesh: &Submesh,
+    batch: &Batch<4>,
+    inside: u16,
+    accepted: u16,
+    at: &Places,
+    lane: usize,
+    out: &mut Located,
+) {
+    for slot in (0..LANES).filter(|slot| accepted >> slot & 1 == 1) {
+        let primitive = batch.primitive[slot];
+        if out.found >> lane & 1 == 1 && out.primitive[lane] <= primitive {
+            continue;
+        }
+        let corners = [0, 1, 2, 3].map(|k| batch.corners[k][slot]);
+        let sure = inside >> slot & 1 == 1;
+        if sure || scalar_weights(submesh, corners, at, lane).is_some() {
+            out.primitive[lane] = primitive;
+            out.node[lane] = batch.node[slot];
             out.found |= 1 << lane;
             out.others &= !(1 << lane);
-            out.submesh[lane] = number;
-            out.primitive[lane] = primitive;
-            out.cell_type[lane] = CellType::Tetrahedron as u8;
-            out.node[lane] = leaves[usize::from(batch.leaf[slot])].node;
-            out.cell_in_node[lane] = batch.cell_in_node[slot];
-            for k in 0..4 {
-                out.corners[k][lane] = batch.corners[k][slot];
-            }
         }
     }
 }
 
 /// What the scalar code says of a cell and a lane.
-#[cold]
-#[inline(never)]
-fn accepts(submesh: &Submesh, batch: &Batch<4>, slot: usize, at: &Places, lane: usize) -> bool {
-    let corners = [0, 1, 2, 3].map(|k| batch.corners[k][slot]);
-    scalar_weights(submesh, corners, at, lane).is_some()
-}
-
 #[cold]
 #[inline(never)]
 fn scalar_weights(
@@ -144,11 +167,19 @@ pub(super) fn weigh<S: Simd>(
     out: &mut Located,
 ) {
     let mut corners = [[0u32; LANES]; 4];
-    for k in 0..4 {
-        for lane in 0..LANES {
-            let keep = 0u32.wrapping_sub(u32::from(lanes >> lane & 1));
-            corners[k][lane] = out.corners[k][lane] & keep;
+    let mut left = lanes;
+    while left != 0 {
+        let lane = left.trailing_zeros() as usize;
+        left &= left - 1;
+        // A tetrahedron on its own reads one index too many, which the padding allows for.
+        let primitive = out.primitive[lane];
+        let five = submesh.indices.read::<PAIR_INDICES>(primitive / 2);
+        let tet = tets_of(five)[(primitive % 2) as usize];
+        for k in 0..4 {
+            corners[k][lane] = tet[k];
+            out.corners[k][lane] = tet[k];
         }
+        out.cell_type[lane] = CellType::Tetrahedron as u8;
     }
     let scale = S::F::splat(scale);
     let a = S::gather_points(submesh.positions, &corners[0]);

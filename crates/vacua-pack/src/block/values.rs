@@ -117,8 +117,8 @@ impl<'a> BlockSampler<'a> {
                 let lane = left.trailing_zeros() as usize;
                 left &= left - 1;
                 let (submesh, node) = (located.submesh[lane] as usize, located.node[lane]);
-                let place = self.field.place_of_cell(
-                    self.locator.mesh, submesh, node, located.cell_in_node[lane]);
+                let cell = located.cell_in_node(self.locator.mesh, lane);
+                let place = self.field.place_of_cell(self.locator.mesh, submesh, node, cell);
                 let value = place.and_then(|place| values.get(place));
                 found[lane] = value.map_or(f32::NAN, |v| v.rendered(self.map));
             }

@@ -1,24 +1,18 @@
 //! Through the trees, breadth first, a mask of lanes with every node.
 
-use vacua_simd::{Float, LANES, Mask, Simd, per_axis};
+use vacua_simd::{Float, Int, LANES, Mask, Simd, per_axis};
 
 use crate::layout::{CHILD_DIVISIONS, MultiLeaf, OTHER_INDICES, WIDTH};
 use crate::outer::{OuterChild, OuterNode};
 use crate::packed::Submesh;
 
-use super::batch::{self, Batch, Leaf, Progress};
+use super::batch::{self, Batch, LEAVES, Leaf, Leaves, Progress};
 use super::{BlockLocator, Boxes, Frame, Located, MAX_CORNERS, Places, others, tets};
 
 /// Nodes that wait at most; a power of two. Lanes that need more are served one by one.
 const QUEUE: usize = 256;
-/// Leaves that wait at most before their cells are tested.
-const LEAVES: usize = 96;
 /// Items of the outer tree that places fall into at most.
 const ITEMS: usize = 64;
-/// From so many lanes on, a node's children are tried one after the other on all lanes together;
-/// below, the lanes one after the other on all children.
-const MANY_LANES: u32 = 7;
-
 /// Indices that the primitives of a leaf take, by its counts.
 const NUM_INDICES: [u8; 256] = {
     let mut table = [0; 256];
@@ -31,17 +25,6 @@ const NUM_INDICES: [u8; 256] = {
     table
 };
 
-/// Cells that the primitives of a leaf are, by its counts.
-const NUM_CELLS: [u8; 256] = {
-    let mut table = [0; 256];
-    let mut counts = 0;
-    while counts < 256 {
-        table[counts] = ((counts & 3) + 2 * (counts >> 2 & 15) + (counts >> 6)) as u8;
-        counts += 1;
-    }
-    table
-};
-
 /// A node or item that some lanes fall into.
 #[derive(Clone, Copy, Default)]
 struct Waiting {
@@ -49,9 +32,9 @@ struct Waiting {
     lanes: u16,
 }
 
-/// First in, first out.
+/// First in, first out; a number and its lanes above it in one word.
 struct Queue {
-    entries: [Waiting; QUEUE],
+    entries: [u64; QUEUE],
     first: usize,
     len: usize,
     /// Lanes that found it full.
@@ -62,21 +45,36 @@ impl Queue {
     #[inline(always)]
     fn new() -> Self {
         Self {
-            entries: [Waiting::default(); QUEUE],
+            entries: [0; QUEUE],
             first: 0,
             len: 0,
             refused: 0,
         }
     }
 
+    /// Whether so many more find room; if not, their lanes are refused.
+    #[inline(always)]
+    fn has_room(&mut self, more: usize, lanes: u16) -> bool {
+        let has_room = self.len + more <= QUEUE;
+        if !has_room {
+            self.refused |= lanes;
+        }
+        has_room
+    }
+
+    /// Adds one if `really`, for which there must be room.
+    #[inline(always)]
+    fn push_if(&mut self, really: bool, number: u32, lanes: u16) {
+        let entry = u64::from(number) | u64::from(lanes) << 32;
+        self.entries[(self.first + self.len) % QUEUE] = entry;
+        self.len += usize::from(really);
+    }
+
     #[inline(always)]
     fn push(&mut self, number: u32, lanes: u16) {
-        if self.len == QUEUE {
-            self.refused |= lanes;
-            return;
+        if self.has_room(1, lanes) {
+            self.push_if(true, number, lanes);
         }
-        self.entries[(self.first + self.len) % QUEUE] = Waiting { number, lanes };
-        self.len += 1;
     }
 
     #[inline(always)]
@@ -87,7 +85,10 @@ impl Queue {
         let entry = self.entries[self.first % QUEUE];
         self.first = (self.first + 1) % QUEUE;
         self.len -= 1;
-        Some(entry)
+        Some(Waiting {
+            number: entry as u32,
+            lanes: (entry >> 32) as u16,
+        })
     }
 }
 
@@ -111,19 +112,11 @@ impl Items {
     }
 }
 
-/// Leaves that lanes fall into.
-struct Leaves {
-    entries: [Leaf; LEAVES],
-    len: usize,
-}
-
-/// The places in the coordinates of one sub-mesh's grid, ready to be tried on eight boxes at once.
+/// Sixteen places in sixteenths of a step of one sub-mesh's grid, and the same with their signs
+/// turned.
 struct GridPlaces<S: Simd> {
-    /// Sixteenths of a step, a lane each.
     at: [S::F; 3],
-    /// For each lane, in each axis, its coordinate eight times, then eight times with its sign
-    /// turned, to be compared with lower corners and turned upper ones.
-    both: [[[f32; LANES]; 3]; LANES],
+    turned: [S::F; 3],
 }
 
 impl BlockLocator<'_> {
@@ -202,50 +195,43 @@ impl BlockLocator<'_> {
         };
         let mut lanes = 0;
         for i in 0..queue.len {
-            lanes |= queue.entries[i].lanes;
+            lanes |= (queue.entries[i] >> 32) as u16;
         }
         let (Some(submesh), true) = (self.mesh.submesh(number), lanes != 0) else {
             return next;
         };
         let frame = &self.frames[number];
-        let places = grid_places::<S>(frame, at, lanes);
+        let places = grid_places::<S>(frame, at);
         let found_before = out.found;
-        let mut leaves = Leaves {
-            entries: [Leaf::default(); LEAVES],
-            len: 0,
-        };
+        let mut leaves = Leaves::new();
         let mut tet_batch = Batch::<4>::new();
         let mut other_batch = Batch::<MAX_CORNERS>::new();
         let has_others = submesh.header.num_cells[1..].iter().any(|&n| n > 0);
         loop {
             let more = collect::<S>(&submesh, &places, &mut queue, &mut leaves);
-            let list = &leaves.entries[..leaves.len];
             let mut progress = Progress::default();
-            while batch::fill_tets(&submesh, list, &mut progress, out, &mut tet_batch) {
+            while batch::fill_tets(&submesh, &leaves, &mut progress, out, &mut tet_batch) {
                 let rounding = frame.rounding;
-                tets::test::<S>(
-                    &submesh,
-                    number as u32,
-                    list,
-                    &tet_batch,
-                    self.scale,
-                    rounding,
-                    at,
-                    out,
-                );
+                tets::test::<S>(&submesh, &tet_batch, self.scale, rounding, at, out);
             }
             if has_others {
                 let mut progress = Progress::default();
-                while batch::fill_others(&submesh, list, &mut progress, out, &mut other_batch) {
-                    others::test::<S>(&submesh, number as u32, list, &other_batch, at, out);
+                while batch::fill_others(&submesh, &leaves, &mut progress, out, &mut other_batch) {
+                    others::test::<S>(&submesh, &other_batch, at, out);
                 }
             }
-            leaves.len = 0;
             if !more {
                 break;
             }
+            leaves.len = 0;
         }
         *refused |= queue.refused;
+        let mut found = out.found & !found_before;
+        while found != 0 {
+            let lane = found.trailing_zeros() as usize;
+            found &= found - 1;
+            out.submesh[lane] = number as u32;
+        }
         let tets = out.found & !found_before & !out.others;
         if tets != 0 {
             tets::weigh::<S>(&submesh, self.scale, at, tets, out);
@@ -254,23 +240,18 @@ impl BlockLocator<'_> {
     }
 }
 
-/// The places of some lanes in sixteenths of a sub-mesh's grid. Rounding is monotone and planes are
-/// exact, so that no place changes its side of a plane.
+/// Places in sixteenths of a sub-mesh's grid. Rounding is monotone and planes are exact, so that no
+/// place changes its side of a plane.
 #[inline(always)]
-fn grid_places<S: Simd>(frame: &Frame, at: &Places, lanes: u16) -> GridPlaces<S> {
-    let grid = per_axis!(i => {
+fn grid_places<S: Simd>(frame: &Frame, at: &Places) -> GridPlaces<S> {
+    let at = per_axis!(i => {
         (S::F::from_array(at[i]) - S::F::splat(frame.base[i])) * S::F::splat(frame.sixteenths[i])
     });
-    let numbers = per_axis!(i => grid[i].to_array());
-    let mut both = [[[0.0; LANES]; 3]; LANES];
-    let mut left = lanes;
-    while left != 0 {
-        let lane = left.trailing_zeros() as usize;
-        left &= left - 1;
-        both[lane] =
-            per_axis!(i => S::F::of_blocks(numbers[i][lane], -numbers[i][lane]).to_array());
+    let zero = S::F::splat(0.0);
+    GridPlaces {
+        at,
+        turned: per_axis!(i => zero - at[i]),
     }
-    GridPlaces { at: grid, both }
 }
 
 /// Lower corners of a node's children in the first block, turned upper corners in the second.
@@ -284,16 +265,6 @@ fn child_boxes<S: Simd>(node: &MultiLeaf) -> [S::F; 3] {
         // Whole numbers below 2^24: exact.
         steps.mul_add(S::F::of_blocks(width, -width), S::F::of_blocks(from, -from))
     })
-}
-
-/// The children that a lane's place falls into, a bit each.
-#[inline(always)]
-fn children_at<S: Simd>(boxes: [S::F; 3], both: &[[f32; LANES]; 3]) -> u8 {
-    let within = boxes[0].le(S::F::from_array(both[0]))
-        & boxes[1].le(S::F::from_array(both[1]))
-        & boxes[2].le(S::F::from_array(both[2]));
-    let bits = within.to_bits();
-    (bits & bits >> WIDTH) as u8
 }
 
 /// A bit for each byte that is not 0.
@@ -321,7 +292,8 @@ fn ordered_nibbles(bytes: [u8; WIDTH]) -> u8 {
 }
 
 /// Goes on through the nodes that wait until there are none, or no room for more leaves; whether
-/// there are any left.
+/// there are any left. What happens to a child does not branch on whether any lane falls into it:
+/// that is as good as random, and guessed wrong as often as not.
 #[inline(always)]
 fn collect<S: Simd>(
     submesh: &Submesh,
@@ -339,70 +311,44 @@ fn collect<S: Simd>(
         let boxes = child_boxes::<S>(node);
         let leaf_bits = nonzero_bytes(node.counts);
         let inner = ordered_nibbles(node.child_bounds[0]) & !leaf_bits;
+        let corners = per_axis!(i => boxes[i].to_array());
         let mut child_lanes = [0u16; WIDTH];
-        let mut hit = 0;
-        if lanes.count_ones() >= MANY_LANES {
-            let corners = per_axis!(i => boxes[i].to_array());
-            let zero = S::F::splat(0.0);
-            let mut left = leaf_bits | inner;
-            while left != 0 {
-                let child = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let within = per_axis!(i => {
-                    let upper = zero - S::F::splat(corners[i][WIDTH + child]);
-                    S::F::splat(corners[i][child]).le(places.at[i]) & places.at[i].le(upper)
-                });
-                let bits = (within[0] & within[1] & within[2]).to_bits() & lanes;
-                child_lanes[child] = bits;
-                hit |= u8::from(bits != 0) << child;
-            }
-        } else {
-            let mut left = lanes;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let mut bits = children_at::<S>(boxes, &places.both[lane]) & (leaf_bits | inner);
-                hit |= bits;
-                while bits != 0 {
-                    let child = bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
-                    child_lanes[child] |= 1 << lane;
-                }
+        for child in 0..WIDTH {
+            let within = per_axis!(i => {
+                S::F::splat(corners[i][child]).le(places.at[i])
+                    & S::F::splat(corners[i][WIDTH + child]).le(places.turned[i])
+            });
+            child_lanes[child] = (within[0] & within[1] & within[2]).to_bits() & lanes;
+        }
+        if inner != 0 && queue.has_room(WIDTH, lanes) {
+            let mut below = first_child;
+            for child in 0..WIDTH {
+                let is_inner = inner >> child & 1 == 1;
+                // Children come after their parents, so that no walk is endless.
+                let visit = is_inner & (child_lanes[child] != 0) & (below > number);
+                queue.push_if(visit, below, child_lanes[child]);
+                submesh.prefetch_node(if visit { below } else { first_child });
+                below = below.wrapping_add(u32::from(is_inner));
             }
         }
-        let mut inner_hit = hit & inner;
-        while inner_hit != 0 {
-            let child = inner_hit.trailing_zeros();
-            inner_hit &= inner_hit - 1;
-            let before = (inner & ((1u16 << child) - 1) as u8).count_ones();
-            let below = first_child.saturating_add(before);
-            // Children come after their parents, so that no walk is endless.
-            if below > number {
-                submesh.prefetch_node(below);
-                queue.push(below, child_lanes[child as usize]);
-            }
-        }
-        if hit & leaf_bits != 0 {
-            let corners = per_axis!(i => boxes[i].to_array());
-            let mut at = node.first_index;
-            let mut cells = 0u16;
+        if leaf_bits != 0 {
+            let (zero, one) = (S::F::splat(0.0), S::F::splat(1.0));
+            let flip = S::I::from_array([8, 9, 10, 11, 12, 13, 14, 15, 0, 1, 2, 3, 4, 5, 6, 7]);
+            let side = per_axis!(i => zero - boxes[i] - boxes[i].permute(flip) + one);
+            let volumes = (side[0] * side[1] * side[2]).to_array();
+            let mut first_index = node.first_index;
             for child in 0..WIDTH {
                 let counts = node.counts[child];
-                if (hit & leaf_bits) >> child & 1 == 1 {
-                    let side = per_axis!(i => -corners[i][WIDTH + child] - corners[i][child] + 1.0);
-                    submesh.prefetch_indices(at);
-                    leaves.entries[leaves.len % LEAVES] = Leaf {
-                        first_index: at,
-                        node: number,
-                        cells_before: cells,
-                        lanes: child_lanes[child],
-                        counts,
-                        volume: side[0] * side[1] * side[2],
-                    };
-                    leaves.len += 1;
-                }
-                at = at.wrapping_add(u32::from(NUM_INDICES[usize::from(counts)]));
-                cells += u16::from(NUM_CELLS[usize::from(counts)]);
+                let visit = (counts != 0) & (child_lanes[child] != 0);
+                let leaf = Leaf {
+                    first_index,
+                    node: number,
+                    lanes: child_lanes[child],
+                    counts,
+                };
+                leaves.push_if(visit, leaf, volumes[child]);
+                let num_indices = NUM_INDICES[usize::from(counts)];
+                first_index = first_index.wrapping_add(u32::from(num_indices));
             }
         }
     }
@@ -490,15 +436,8 @@ mod tests {
     #[test]
     fn tables_are_what_the_counts_say() {
         for byte in 0..=255u8 {
-            let counts = LeafCounts::unpack(byte);
-            assert_eq!(
-                usize::from(NUM_INDICES[usize::from(byte)]),
-                counts.num_indices()
-            );
-            assert_eq!(
-                usize::from(NUM_CELLS[usize::from(byte)]),
-                counts.num_cells()
-            );
+            let expected = LeafCounts::unpack(byte).num_indices();
+            assert_eq!(usize::from(NUM_INDICES[usize::from(byte)]), expected);
         }
     }
 }
