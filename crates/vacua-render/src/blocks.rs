@@ -1,4 +1,9 @@
-//! The blocks of a ray, in order and two at a time: which samples are evaluated together.
+//! The blocks of the rays of a tile, each ray's in order and two at a time: which samples are
+//! evaluated together.
+//!
+//! Rays of a tile advance together, a few blocks at a time ([`CHUNK_BLOCKS`]): neighbours then find
+//! the voxels that the one before has fetched in the nearest cache, where a ray alone would have
+//! pushed them out before the next ray comes by.
 //!
 //! Where all cells are alike, a block is eight consecutive samples. Where cell sizes vary, the ray
 //! is partitioned into aligned dyadic blocks: eight samples `2^level` apart, the level as high as
@@ -8,8 +13,14 @@
 use vacua_simd::BLOCK;
 use vacua_skip::{Axis, BLOCKS_PER_WINDOW, SampleRay, Skipper};
 
+use crate::setup::{TILE_RAYS, TileRays};
+
 /// Highest level of dyadic blocks: its eight samples span a window.
 pub(crate) const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
+
+/// Blocks that each ray of a tile advances before the next one does: 64 samples or some thirty
+/// cells, so that what a tile touches in between stays in the first-level cache.
+const CHUNK_BLOCKS: u32 = 8;
 
 /// Samples that a block of the highest level spans; rays begin at a multiple of it.
 pub(crate) const ALIGNMENT: u64 = (BLOCK as u64) << MAX_LEVEL;
@@ -23,10 +34,12 @@ pub(crate) struct BlockPair {
     pub stride: [u32; 2],
 }
 
-/// What is done with the blocks of a ray.
+/// What is done with the blocks of rays.
 pub(crate) trait Visit {
-    /// Evaluates two blocks; `false` to end the ray.
-    fn pair(&mut self, pair: BlockPair) -> bool;
+    /// What is kept of a ray while it is marched.
+    type State;
+    /// Evaluates two blocks of a ray of the tile; `false` to end the ray.
+    fn pair(&self, ray: usize, state: &mut Self::State, pair: BlockPair) -> bool;
 }
 
 /// How far apart samples are, depending on the place.
@@ -136,75 +149,134 @@ impl Strides {
     }
 }
 
-/// The ray as the partition needs it.
+/// The rays of a tile as the partition into blocks needs them.
 #[derive(Clone, Copy)]
 pub(crate) struct Partition<'a> {
-    pub ray: &'a SampleRay,
+    pub tile: &'a TileRays,
     pub axes: &'a [Axis; 3],
     pub strides: &'a Strides,
-    /// Cells a sample step crosses along each axis, where cells are smallest.
-    pub rates: [f32; 3],
+}
+
+/// First sample of a block and the distance between its samples, 0 for no block.
+type Block = (u32, u32);
+
+/// Blocks of a ray that are evaluated next: those of a window, and one that waited for its pair.
+struct BlockList {
+    blocks: [Block; BLOCKS_PER_WINDOW as usize + 1],
+    len: usize,
+}
+
+impl BlockList {
+    #[inline(always)]
+    fn push(&mut self, block: Block) {
+        self.blocks[self.len] = block;
+        self.len += 1;
+    }
 }
 
 impl Partition<'_> {
-    /// Visits every block that the skipper does not rule out, in order.
+    /// Visits every block that the skipper does not rule out, those of each ray in order.
     #[inline(always)]
-    pub fn visit(&self, skipper: &dyn Skipper, visit: &mut impl Visit) {
-        let mut waiting: Option<(u32, u32)> = None;
-        let mut from = self.ray.first_block();
-        let mut list = [(0, 0); BLOCKS_PER_WINDOW as usize];
-        while let Some(window) = skipper.next_window(self.ray, from) {
-            let mut len = 0;
-            match self.strides {
-                Strides::Constant => {
-                    let mut bits = window.blocks;
-                    while bits != 0 {
-                        let block = window.first_block + bits.trailing_zeros();
-                        bits &= bits - 1;
-                        list[len] = (block * BLOCK as u32, 1);
-                        len += 1;
-                    }
-                }
-                Strides::Varying(_) | Strides::Lattice(_) => {
-                    self.split(window.first_block, MAX_LEVEL, window.blocks, &mut |b| {
-                        list[len] = b;
-                        len += 1;
-                    });
-                }
+    pub fn visit<V: Visit>(
+        &self,
+        skipper: &dyn Skipper,
+        visit: &V,
+        states: &mut [V::State; TILE_RAYS],
+    ) {
+        let mut rays = self.tile.rays;
+        let mut waiting: [Block; TILE_RAYS] = [(0, 0); TILE_RAYS];
+        let mut set = [0u64; TILE_RAYS];
+        let mut list = BlockList {
+            blocks: [(0, 0); BLOCKS_PER_WINDOW as usize + 1],
+            len: 0,
+        };
+        let live = || self.tile.rays.iter().filter(|ray| !ray.is_empty());
+        let begin = live().map(SampleRay::first_block).min().unwrap_or(0);
+        let end = live().map(SampleRay::end_block).max().unwrap_or(0);
+        let chunk_blocks = match self.strides {
+            Strides::Constant => CHUNK_BLOCKS,
+            Strides::Varying(_) | Strides::Lattice(_) => BLOCKS_PER_WINDOW,
+        };
+        let mut first_block = begin - begin % BLOCKS_PER_WINDOW;
+        loop {
+            // After the last window, blocks that still wait are evaluated alone.
+            let last = first_block >= end;
+            if !last {
+                skipper.window(&rays, first_block, &mut set);
             }
-            for &block in &list[..len] {
-                match waiting.take() {
-                    None => waiting = Some(block),
-                    Some(a) => {
+            let any = set.iter().fold(0, |any, bits| any | bits);
+            let mut chunk = 0;
+            while chunk < BLOCKS_PER_WINDOW && (last || any >> chunk != 0) {
+                let in_chunk = (u64::MAX >> (64 - chunk_blocks)) << chunk;
+                for i in 0..TILE_RAYS {
+                    let bits = set[i] & in_chunk;
+                    list.len = 0;
+                    if last {
+                        if waiting[i].1 == 0 {
+                            continue;
+                        }
+                        list.push(waiting[i]);
+                        list.push((waiting[i].0, 0));
+                    } else {
+                        if bits == 0 {
+                            continue;
+                        }
+                        if waiting[i].1 != 0 {
+                            list.push(waiting[i]);
+                        }
+                        self.blocks(i, first_block, bits, &mut list);
+                    }
+                    waiting[i] = if list.len % 2 == 1 {
+                        list.blocks[list.len - 1]
+                    } else {
+                        (0, 0)
+                    };
+                    let mut next = 0;
+                    while next + 1 < list.len {
+                        let (a, b) = (list.blocks[next], list.blocks[next + 1]);
+                        next += 2;
                         let pair = BlockPair {
-                            first: [a.0, block.0],
-                            stride: [a.1, block.1],
+                            first: [a.0, b.0],
+                            stride: [a.1, b.1],
                         };
-                        if !visit.pair(pair) {
-                            return;
+                        if !visit.pair(i, &mut states[i], pair) {
+                            (rays[i], set[i], waiting[i]) = (SampleRay::NONE, 0, (0, 0));
+                            break;
                         }
                     }
                 }
+                chunk += chunk_blocks;
             }
-            from = window.first_block + BLOCKS_PER_WINDOW;
+            if last {
+                return;
+            }
+            first_block += BLOCKS_PER_WINDOW;
         }
-        if let Some(a) = waiting {
-            visit.pair(BlockPair {
-                first: [a.0, a.0],
-                stride: [a.1, 0],
-            });
+    }
+
+    /// The blocks of a ray in some places of a window.
+    #[inline(always)]
+    fn blocks(&self, ray: usize, first_block: u32, mut bits: u64, list: &mut BlockList) {
+        if matches!(self.strides, Strides::Constant) {
+            while bits != 0 {
+                let block = first_block + bits.trailing_zeros();
+                bits &= bits - 1;
+                list.push((block * BLOCK as u32, 1));
+            }
+        } else {
+            self.split(ray, first_block, MAX_LEVEL, bits, list);
         }
     }
 
     /// Emits the dyadic blocks within `block .. block + 2^level` of which any bit is set.
-    fn split(&self, block: u32, level: u32, bits: u64, emit: &mut impl FnMut((u32, u32))) {
+    fn split(&self, ray: usize, block: u32, level: u32, bits: u64, list: &mut BlockList) {
         let span = 1u32 << level;
         let here = bits >> (block % BLOCKS_PER_WINDOW);
         if here & (u64::MAX >> (64 - span)) == 0 {
             return;
         }
         let (first, last) = (block * BLOCK as u32, (block + span) * BLOCK as u32 - 1);
-        let cell = |a: usize, k| self.axes[a].cell_of(self.ray.at(a, k));
+        let cell = |a: usize, k| self.axes[a].cell_of(self.tile.rays[ray].at(a, k));
         let cells = |k| [cell(0, k), cell(1, k), cell(2, k)];
         let sizes = match self.strides {
             Strides::Constant => [1.0; 3],
@@ -213,13 +285,14 @@ impl Partition<'_> {
             }
             Strides::Lattice(minima) => [minima.smallest(cells(first), cells(last)); 3],
         };
-        let rate_sq: f32 = (0..3).map(|a| (self.rates[a] / sizes[a]).powi(2)).sum();
-        let finest_sq: f32 = self.rates.iter().map(|r| r * r).sum();
+        let rates = self.tile.rates(ray);
+        let rate_sq: f32 = (0..3).map(|a| (rates[a] / sizes[a]).powi(2)).sum();
+        let finest_sq: f32 = rates.iter().map(|r| r * r).sum();
         if level == 0 || rate_sq * (span as f32).powi(2) <= finest_sq {
-            emit((first, span));
+            list.push((first, span));
         } else {
-            self.split(block, level - 1, bits, emit);
-            self.split(block + span / 2, level - 1, bits, emit);
+            self.split(ray, block, level - 1, bits, list);
+            self.split(ray, block + span / 2, level - 1, bits, list);
         }
     }
 }
@@ -267,12 +340,14 @@ mod tests {
         }
     }
 
-    struct Collect(Vec<(u32, u32)>);
+    struct Collect;
     impl Visit for Collect {
-        fn pair(&mut self, pair: BlockPair) -> bool {
-            self.0.push((pair.first[0], pair.stride[0]));
-            if pair.stride[1] > 0 {
-                self.0.push((pair.first[1], pair.stride[1]));
+        type State = Vec<(u32, u32)>;
+        fn pair(&self, _: usize, blocks: &mut Self::State, pair: BlockPair) -> bool {
+            for block in 0..2 {
+                if pair.stride[block] > 0 {
+                    blocks.push((pair.first[block], pair.stride[block]));
+                }
             }
             true
         }
@@ -292,17 +367,18 @@ mod tests {
         let lattice = Lattice::new(axes.clone(), 8).expect("cells on each axis");
         let strides = Strides::new(&axes, [1.0; 3]);
         let ray = SampleRay::within(&lattice, [-0.25, 0.5, 0.5], [0.5, 0.0, 0.0]);
+        let tile = TileRays::one(ray, [0.5, 0.0, 0.0]);
         let partition = Partition {
-            ray: &ray,
+            tile: &tile,
             axes: &axes,
             strides: &strides,
-            rates: [0.5, 0.0, 0.0],
         };
-        let mut blocks = Collect(Vec::new());
-        partition.visit(&NoSkip, &mut blocks);
+        let mut states = std::array::from_fn(|_| Vec::new());
+        partition.visit(&NoSkip, &Collect, &mut states);
+        let [blocks, ..] = states;
         let mut next = 0;
         let mut widest = 0;
-        for (first, stride) in blocks.0 {
+        for (first, stride) in blocks {
             assert_eq!(first, next, "no gap");
             assert_eq!(first % (BLOCK as u32 * stride), 0, "aligned");
             next = first + BLOCK as u32 * stride;

@@ -173,6 +173,42 @@ impl View {
             (self.eye, (self.forward + across).normalize())
         }
     }
+
+    /// As [`View::ray`] for many points at once, an array a coordinate; loops without branches, so
+    /// that they become vector code.
+    #[inline(always)]
+    pub(crate) fn rays<const N: usize>(
+        &self,
+        x: &[f64; N],
+        y: &[f64; N],
+    ) -> ([[f64; N]; 3], [[f64; N]; 3]) {
+        let (eye, forward) = (self.eye.to_array(), self.forward.to_array());
+        let (right, up) = (self.right.to_array(), self.up.to_array());
+        let (mut origin, mut direction) = ([[0.0; N]; 3], [[0.0; N]; 3]);
+        for a in 0..3 {
+            for i in 0..N {
+                let across =
+                    right[a] * (x[i] * self.pixel[0] - 1.0) + up[a] * (1.0 - y[i] * self.pixel[1]);
+                if self.parallel {
+                    origin[a][i] = eye[a] + across;
+                    direction[a][i] = forward[a];
+                } else {
+                    origin[a][i] = eye[a];
+                    direction[a][i] = forward[a] + across;
+                }
+            }
+        }
+        if !self.parallel {
+            for i in 0..N {
+                let [x, y, z] = [direction[0][i], direction[1][i], direction[2][i]];
+                let inverse = 1.0 / (x * x + y * y + z * z).sqrt();
+                for axis in &mut direction {
+                    axis[i] *= inverse;
+                }
+            }
+        }
+        (origin, direction)
+    }
 }
 
 #[cfg(test)]

@@ -17,9 +17,9 @@ use crate::auto::choose;
 use crate::error::RenderError;
 use crate::frame::Frame;
 use crate::scene::{Integrator, Jitter, RenderSettings, Scene, SkipMethod};
-use crate::setup::RaySetup;
+use crate::setup::{RaySetup, TILE};
 use crate::stage::{LookStage, SkipStage, VolumeStage};
-use crate::tiles::{Pass, TILE, render_pass};
+use crate::tiles::{Pass, render_pass};
 
 /// Makes pictures of scenes.
 pub trait Renderer {

@@ -4,6 +4,8 @@
 //! in a fixed order; across blocks it multiplies front to back. Samples without extinction multiply
 //! by 1 and add 0, exactly, so that leaving out blocks that hold nothing else changes no bit.
 
+use std::marker::PhantomData;
+
 use vacua_simd::math::opacity_of_depth;
 use vacua_simd::{BLOCK, Float, Int, LANES, Mask, Simd, per_axis};
 use vacua_skip::SampleRay;
@@ -11,6 +13,7 @@ use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
 use crate::blocks::{BlockPair, Visit};
 use crate::sampler::Sampler;
+use crate::setup::{TILE_RAYS, TileRays};
 
 /// Number of each lane within its block.
 const IN_BLOCK: [f32; LANES] = [
@@ -25,6 +28,15 @@ pub(crate) struct RayResult {
     pub depth_sample: Option<u32>,
     /// Samples evaluated.
     pub samples: u32,
+}
+
+impl RayResult {
+    /// Of a ray without samples.
+    pub const NOTHING: Self = Self {
+        rgba: [0.0; 4],
+        depth_sample: None,
+        samples: 0,
+    };
 }
 
 /// Sixteen sample numbers, and which of them are samples of the ray.
@@ -123,39 +135,34 @@ impl Light {
     }
 }
 
+/// What lights the rays of a tile.
+pub(crate) type Lights = [Light; TILE_RAYS];
+
 /// Front-to-back compositing.
-pub(crate) struct Composite<'a, S: Simd, V> {
+pub(crate) struct Composite<'a, S, V> {
     pub sampler: &'a V,
-    pub ray: &'a SampleRay,
+    pub tile: &'a TileRays,
     pub table: &'a TransferTable,
-    /// World length between samples.
-    pub dt: f32,
-    /// Transmittance below which the ray ends.
+    /// Transmittance below which a ray ends.
     pub termination: f32,
-    pub light: Option<Light>,
+    pub lights: Option<&'a Lights>,
+    pub simd: PhantomData<S>,
+}
+
+/// What has been composited of a ray.
+#[derive(Clone, Copy)]
+pub(crate) struct Composited<S: Simd> {
     transmittance: f32,
     color: [S::F; 3],
     depth_sample: Option<u32>,
     samples: u32,
 }
 
-impl<'a, S: Simd, V: Sampler> Composite<'a, S, V> {
+impl<S: Simd> Composited<S> {
+    /// Nothing so far.
     #[inline(always)]
-    pub fn new(
-        sampler: &'a V,
-        ray: &'a SampleRay,
-        table: &'a TransferTable,
-        dt: f32,
-        termination: f32,
-        light: Option<Light>,
-    ) -> Self {
+    pub fn new() -> Self {
         Self {
-            sampler,
-            ray,
-            table,
-            dt,
-            termination,
-            light,
             transmittance: 1.0,
             color: [S::F::splat(0.0); 3],
             depth_sample: None,
@@ -164,7 +171,7 @@ impl<'a, S: Simd, V: Sampler> Composite<'a, S, V> {
     }
 
     #[inline(always)]
-    pub fn finish(self) -> RayResult {
+    pub fn finish(&self) -> RayResult {
         let [r, g, b] = per_axis!(i => {
             let [[a, b, c, d, e, f, g, h], _] = self.color[i].blocks();
             ((a + b) + (c + d)) + ((e + f) + (g + h))
@@ -193,68 +200,73 @@ impl<'a, S: Simd, V: Sampler> Composite<'a, S, V> {
 }
 
 impl<S: Simd, V: Sampler> Visit for Composite<'_, S, V> {
+    type State = Composited<S>;
+
     #[inline(always)]
-    fn pair(&mut self, pair: BlockPair) -> bool {
-        let (k, lanes) = samples::<S>(self.ray, pair);
-        let at = positions::<S>(self.ray, k);
+    fn pair(&self, i: usize, state: &mut Composited<S>, pair: BlockPair) -> bool {
+        let ray = &self.tile.rays[i];
+        let (k, lanes) = samples::<S>(ray, pair);
+        let at = positions::<S>(ray, k);
         let (value, valid, place) = self.sampler.sample::<S>(at, lanes);
-        self.samples += lanes.to_bits().count_ones();
+        state.samples += lanes.to_bits().count_ones();
         let table_place = table_place::<S>(self.table, value);
         let extinction = table_place.lookup(self.table.extinction());
         let seen = valid & S::F::splat(0.0).lt(extinction);
         if !seen.any() {
             return true;
         }
-        let length = S::F::of_blocks(
-            self.dt * pair.stride[0] as f32,
-            self.dt * pair.stride[1] as f32,
-        );
+        let dt = self.tile.dt[i] as f32;
+        let length = S::F::of_blocks(dt * pair.stride[0] as f32, dt * pair.stride[1] as f32);
         let alpha = opacity_of_depth::<S>(extinction * length).or_zero(seen);
         let clear = S::F::splat(1.0) - alpha;
         let (exclusive, [through_a, through_b]) = clear.block_products();
-        let front_a = self.transmittance;
+        let front_a = state.transmittance;
         let front_b = front_a * through_a;
         let a_ends = front_b < self.termination;
         let front = S::F::of_blocks(front_a, if a_ends { 0.0 } else { front_b });
         let weight = (front * exclusive) * alpha;
         let mut rgb = per_axis!(c => table_place.lookup(self.table.rgb(c)));
-        if let Some(light) = self.light {
-            let (factor, white) = light.shade::<S>(self.sampler.gradient::<S>(place));
+        if let Some(lights) = self.lights {
+            let (factor, white) = lights[i].shade::<S>(self.sampler.gradient::<S>(place));
             rgb = per_axis!(c => rgb[c].mul_add(factor, white));
         }
         for c in 0..3 {
-            self.color[c] = self.color[c].add_blocks((weight * rgb[c]).or_zero(seen));
+            state.color[c] = state.color[c].add_blocks((weight * rgb[c]).or_zero(seen));
         }
-        self.transmittance = if a_ends { front_b } else { front_b * through_b };
-        if self.depth_sample.is_none() && self.transmittance <= 0.5 {
+        state.transmittance = if a_ends { front_b } else { front_b * through_b };
+        if state.depth_sample.is_none() && state.transmittance <= 0.5 {
             let (exclusive, clear) = (exclusive.blocks(), clear.blocks());
             if front_b <= 0.5 {
-                self.find_depth(pair, 0, front_a, exclusive[0], clear[0]);
+                state.find_depth(pair, 0, front_a, exclusive[0], clear[0]);
             } else {
-                self.find_depth(pair, 1, front_b, exclusive[1], clear[1]);
+                state.find_depth(pair, 1, front_b, exclusive[1], clear[1]);
             }
         }
-        !(a_ends || self.transmittance < self.termination)
+        !(a_ends || state.transmittance < self.termination)
     }
 }
 
-/// The largest value along the ray.
-pub(crate) struct Maximum<'a, S: Simd, V> {
+/// The largest value along a ray.
+pub(crate) struct Maximum<'a, S, V> {
     pub sampler: &'a V,
-    pub ray: &'a SampleRay,
+    pub tile: &'a TileRays,
+    pub simd: PhantomData<S>,
+}
+
+/// The largest value so far.
+#[derive(Clone, Copy)]
+pub(crate) struct Largest<S: Simd> {
     best: S::F,
     best_k: S::F,
     samples: u32,
 }
 
-impl<'a, S: Simd, V: Sampler> Maximum<'a, S, V> {
+impl<S: Simd> Largest<S> {
     /// Only values above `threshold` are seen.
     #[inline(always)]
-    pub fn new(sampler: &'a V, ray: &'a SampleRay, threshold: f32) -> Self {
+    pub fn new(threshold: f32) -> Self {
         let (best, best_k) = (S::F::splat(threshold), S::F::splat(-1.0));
         Self {
-            sampler,
-            ray,
             best,
             best_k,
             samples: 0,
@@ -262,7 +274,7 @@ impl<'a, S: Simd, V: Sampler> Maximum<'a, S, V> {
     }
 
     #[inline(always)]
-    pub fn finish(self, table: &TransferTable) -> RayResult {
+    pub fn finish(&self, table: &TransferTable) -> RayResult {
         let (best, k) = (self.best.to_array(), self.best_k.to_array());
         let mut found: Option<(f32, f32)> = None;
         for i in (0..LANES).filter(|&i| k[i] >= 0.0) {
@@ -288,14 +300,17 @@ impl<'a, S: Simd, V: Sampler> Maximum<'a, S, V> {
 }
 
 impl<S: Simd, V: Sampler> Visit for Maximum<'_, S, V> {
+    type State = Largest<S>;
+
     #[inline(always)]
-    fn pair(&mut self, pair: BlockPair) -> bool {
-        let (k, lanes) = samples::<S>(self.ray, pair);
-        let (value, valid, _) = self.sampler.sample::<S>(positions::<S>(self.ray, k), lanes);
-        self.samples += lanes.to_bits().count_ones();
-        let better = valid & self.best.lt(value);
-        self.best = value.select(better, self.best);
-        self.best_k = k.select(better, self.best_k);
+    fn pair(&self, i: usize, state: &mut Largest<S>, pair: BlockPair) -> bool {
+        let ray = &self.tile.rays[i];
+        let (k, lanes) = samples::<S>(ray, pair);
+        let (value, valid, _) = self.sampler.sample::<S>(positions::<S>(ray, k), lanes);
+        state.samples += lanes.to_bits().count_ones();
+        let better = valid & state.best.lt(value);
+        state.best = value.select(better, state.best);
+        state.best_k = k.select(better, state.best_k);
         true
     }
 }

@@ -1,6 +1,8 @@
 //! One pass over the picture: bands of rows in parallel, small tiles within a band so that
 //! neighbouring rays find each other's voxels in the cache.
 
+use std::marker::PhantomData;
+
 use rayon::prelude::*;
 use vacua_simd::{Kernel, Simd, dispatch};
 use vacua_skip::{Lattice, Skipper};
@@ -9,14 +11,11 @@ use vacua_volume::{Association, TransferTable};
 use crate::blocks::{Partition, Strides};
 use crate::curvilinear::CurvilinearSampler;
 use crate::frame::Frame;
-use crate::march::{Composite, Maximum, RayResult};
+use crate::march::{Composite, Composited, Largest, Maximum, RayResult};
 use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
 use crate::scene::{Integrator, Shading};
-use crate::setup::RaySetup;
+use crate::setup::{RaySetup, TILE, TILE_RAYS, TilePixels, TileRays};
 use crate::stage::VolumeStage;
-
-/// Pixels a side of a tile, and rows of a band.
-pub(crate) const TILE: usize = 8;
 
 /// Everything that a pass needs to know.
 #[derive(Clone, Copy)]
@@ -104,65 +103,77 @@ impl<V: Sampler> Kernel for Band<'_, V> {
             if !(x0 / TILE + 7 * (self.y0 / TILE)).is_multiple_of(self.pass.every) {
                 continue;
             }
-            for row in 0..rows {
-                for x in x0..(x0 + TILE).min(self.width) {
-                    let y = self.y0 + row;
-                    let i = row * self.width + x;
-                    let jitter = self.pass.setup.jitter_of(x, y, self.pass.frame);
-                    let at = [
-                        x as f64 + self.pass.offset[0],
-                        y as f64 + self.pass.offset[1],
-                    ];
-                    let setup = self.pass.setup;
-                    let Some(ray) = setup.ray(self.pass.lattice, at[0], at[1], jitter) else {
-                        self.rgba[i] = [0.0; 4];
-                        self.depth[i] = f32::INFINITY;
-                        self.samples[i] = 0;
-                        continue;
-                    };
-                    let result = march::<S, V>(&self.pass, self.sampler, &ray);
-                    self.rgba[i] = result.rgba;
-                    self.depth[i] = result
-                        .depth_sample
-                        .map_or(f32::INFINITY, |k| ray.t_of(k) as f32);
-                    self.samples[i] = result.samples;
+            let pixels = TilePixels {
+                x0,
+                y0: self.y0,
+                columns: TILE.min(self.width - x0),
+                rows,
+                offset: self.pass.offset,
+                frame: self.pass.frame,
+            };
+            let tile = self.pass.setup.tile(pixels);
+            let results = match &tile {
+                Some(tile) => march::<S, V>(&self.pass, self.sampler, tile),
+                None => [RayResult::NOTHING; TILE_RAYS],
+            };
+            for i in 0..rows * TILE {
+                if i % TILE < pixels.columns {
+                    let to = i / TILE * self.width + x0 + i % TILE;
+                    let depth = results[i].depth_sample.zip(tile.as_ref());
+                    self.rgba[to] = results[i].rgba;
+                    self.depth[to] = depth.map_or(f32::INFINITY, |(k, t)| t.t_of(i, k) as f32);
+                    self.samples[to] = results[i].samples;
                 }
             }
         }
     }
 }
 
-/// Marches one ray.
+/// Marches the rays of a tile.
 #[inline(always)]
 fn march<S: Simd, V: Sampler>(
     pass: &Pass<'_>,
     sampler: &V,
-    prepared: &crate::setup::PreparedRay,
-) -> RayResult {
-    let ray = &prepared.ray;
-    let axes = pass.lattice.axes();
+    tile: &TileRays,
+) -> [RayResult; TILE_RAYS] {
     let partition = Partition {
-        ray,
-        axes,
+        tile,
+        axes: pass.lattice.axes(),
         strides: pass.strides,
-        rates: prepared.rates,
     };
+    let mut results = [RayResult::NOTHING; TILE_RAYS];
     match pass.integrator {
         Integrator::March => {
-            let light = match pass.shading {
+            let lights = match pass.shading {
                 Shading::None => None,
-                Shading::Gradient => Some(pass.setup.light(prepared.direction)),
+                Shading::Gradient => Some(pass.setup.lights(tile)),
             };
-            let dt = prepared.dt as f32;
-            let mut visit =
-                Composite::<S, V>::new(sampler, ray, pass.table, dt, pass.termination, light);
-            partition.visit(pass.skipper, &mut visit);
-            visit.finish()
+            let visit = Composite {
+                sampler,
+                tile,
+                table: pass.table,
+                termination: pass.termination,
+                lights: lights.as_ref(),
+                simd: PhantomData::<S>,
+            };
+            let mut states = [Composited::<S>::new(); TILE_RAYS];
+            partition.visit(pass.skipper, &visit, &mut states);
+            for i in 0..TILE_RAYS {
+                results[i] = states[i].finish();
+            }
         }
         Integrator::MaximumIntensity => {
-            let mut visit = Maximum::<S, V>::new(sampler, ray, pass.threshold);
-            partition.visit(pass.skipper, &mut visit);
-            visit.finish(pass.table)
+            let visit = Maximum {
+                sampler,
+                tile,
+                simd: PhantomData::<S>,
+            };
+            let mut states = [Largest::<S>::new(pass.threshold); TILE_RAYS];
+            partition.visit(pass.skipper, &visit, &mut states);
+            for i in 0..TILE_RAYS {
+                results[i] = states[i].finish(pass.table);
+            }
         }
     }
+    results
 }

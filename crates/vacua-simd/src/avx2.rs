@@ -320,6 +320,13 @@ impl Int for I {
         ))
     }
     #[inline(always)]
+    fn min_unsigned(self, b: Self) -> Self {
+        simd!(Self(
+            _mm256_min_epu32(self.0, b.0),
+            _mm256_min_epu32(self.1, b.1)
+        ))
+    }
+    #[inline(always)]
     fn and(self, b: Self) -> Self {
         simd!(Self(
             _mm256_and_si256(self.0, b.0),

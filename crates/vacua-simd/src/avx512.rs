@@ -243,6 +243,10 @@ impl Int for I {
         Self(simd!(_mm512_max_epi32(self.0, b.0)))
     }
     #[inline(always)]
+    fn min_unsigned(self, b: Self) -> Self {
+        Self(simd!(_mm512_min_epu32(self.0, b.0)))
+    }
+    #[inline(always)]
     fn and(self, b: Self) -> Self {
         Self(simd!(_mm512_and_si512(self.0, b.0)))
     }

@@ -295,6 +295,8 @@ pub trait Int: Copy + Debug + Add<Output = Self> + Sub<Output = Self> + Mul<Outp
     fn min(self, b: Self) -> Self;
     /// The larger, signed.
     fn max(self, b: Self) -> Self;
+    /// The smaller, both taken as unsigned: limits an index to `b` whatever it is.
+    fn min_unsigned(self, b: Self) -> Self;
     /// Bitwise and.
     fn and(self, b: Self) -> Self;
     /// Logical shift left by a constant.

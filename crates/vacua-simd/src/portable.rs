@@ -247,6 +247,12 @@ impl Int for I {
         Self(from_fn(|i| self.0[i].max(b.0[i])))
     }
     #[inline(never)]
+    fn min_unsigned(self, b: Self) -> Self {
+        Self(from_fn(|i| {
+            (self.0[i] as u32).min(b.0[i] as u32) as i32
+        }))
+    }
+    #[inline(never)]
     fn and(self, b: Self) -> Self {
         Self(from_fn(|i| self.0[i] & b.0[i]))
     }

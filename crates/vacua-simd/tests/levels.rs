@@ -53,6 +53,7 @@ impl Kernel for Operations {
             i * j,
             i.min(j),
             i.max(j),
+            i.min_unsigned(j),
             i.and(j),
             i.shl::<5>(),
             i.shr(shifts),

@@ -6,7 +6,7 @@ use vacua_simd::BLOCK;
 use crate::bvh::{Hierarchy, Line, slack};
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
-use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, Window};
+use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
 
 /// Clusters the active macrocells into disjoint boxes, in order: each grows along x, then y, then z
 /// as far as everything in it is active and in no box yet. Boxes are macrocell ranges
@@ -94,23 +94,22 @@ impl BoxSkip {
         // Past the rounding of the division, which grows with the number.
         (enter - 1e-12 * enter.abs(), leave + 1e-12 * leave.abs())
     }
-}
 
-impl Skipper for BoxSkip {
-    fn name(&self) -> &'static str {
-        "boxes"
-    }
-
-    fn next_window(&self, ray: &SampleRay, from: u32) -> Option<Window> {
+    /// The blocks of one window of a ray that may lie in a box.
+    fn window_of(&self, ray: &SampleRay, first_block: u32) -> u64 {
+        let end = ray.end_block().min(first_block + BLOCKS_PER_WINDOW);
+        let mut from = ray.first_block().max(first_block);
+        if ray.is_empty() || from >= end {
+            return 0;
+        }
         let line = Line::new(ray);
-        let mut from = from.max(ray.first_block());
-        let end = ray.end_block();
-        let mut window: Option<Window> = None;
+        let t_max = f64::from(end * BLOCK as u32);
+        let mut blocks = 0;
         while from < end {
             let t_min = f64::from(from * BLOCK as u32);
             // Of the boxes that begin nearest, the one that ends farthest.
             let (mut nearest, mut until) = (f64::INFINITY, t_min);
-            let enter = self.hierarchy.nearest(&line, t_min, |i| {
+            let enter = self.hierarchy.nearest(&line, (t_min, t_max), |i| {
                 let (enter, leave) = self.samples(&line, i);
                 if enter > leave || leave < t_min {
                     return None;
@@ -124,30 +123,25 @@ impl Skipper for BoxSkip {
                 Some(enter)
             });
             let Some(enter) = enter else { break };
-            if enter >= f64::from(ray.end) {
-                break;
-            }
             let first = (enter / BLOCK as f64).floor() as u32;
-            let last = (until.max(enter).min(f64::from(ray.end)) / BLOCK as f64).floor() as u32;
-            let current = *window.get_or_insert(Window {
-                first_block: first - first % BLOCKS_PER_WINDOW,
-                blocks: 0,
-            });
-            if first >= current.first_block + BLOCKS_PER_WINDOW {
-                break;
-            }
+            let last = (until.max(enter).min(t_max) / BLOCK as f64).floor() as u32;
             let to = (last + 1).min(end);
-            let blocks = SampleRay::window_bits(current.first_block, first.max(from), to);
-            window = Some(Window {
-                blocks: current.blocks | blocks,
-                ..current
-            });
+            blocks |= bits_between(first_block, first.max(from), to);
             from = to.max(first + 1);
-            if from >= current.first_block + BLOCKS_PER_WINDOW {
-                break;
-            }
         }
-        window.filter(|w| w.blocks != 0)
+        blocks
+    }
+}
+
+impl Skipper for BoxSkip {
+    fn name(&self) -> &'static str {
+        "boxes"
+    }
+
+    fn window(&self, rays: &[SampleRay], first_block: u32, blocks: &mut [u64]) {
+        for (ray, blocks) in rays.iter().zip(blocks) {
+            *blocks = self.window_of(ray, first_block);
+        }
     }
 
     fn size_bytes(&self) -> usize {

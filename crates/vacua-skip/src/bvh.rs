@@ -81,19 +81,19 @@ impl Hierarchy {
         size_of_val(self.bvh.nodes.as_slice()) + size_of_val(self.bvh.primitive_indices.as_slice())
     }
 
-    /// The least `t` in `t_min..` that `test` gives for any primitive whose box the line touches;
-    /// `test` may leave out primitives, and what it gives must not lie before their box.
+    /// The least `t` in `t_min..t_max` that `test` gives for any primitive whose box the line
+    /// touches; `test` may leave out primitives, and what it gives must not lie before their box.
     pub fn nearest(
         &self,
         line: &Line,
-        t_min: f64,
+        (t_min, t_max): (f64, f64),
         mut test: impl FnMut(usize) -> Option<f64>,
     ) -> Option<f64> {
         let nodes = &self.bvh.nodes;
         if nodes.is_empty() {
             return None;
         }
-        let mut best = f64::INFINITY;
+        let mut best = t_max;
         let touch = |node: u32, best: f64| {
             let aabb = &nodes[node as usize].aabb;
             let (lo, hi) = (
@@ -151,6 +151,6 @@ impl Hierarchy {
                 }
             }
         }
-        (best < f64::INFINITY).then_some(best)
+        (best < t_max).then_some(best)
     }
 }

@@ -1,31 +1,36 @@
 //! `grid`: asks the active mask directly, sixteen blocks of a ray at a time.
 //!
-//! Of each block only the first and the last sample are located. If their macrocells are the same,
-//! or neighbours across one plane, all samples of the block lie in those two, and two bits answer.
-//! A block that crosses several planes at once is first checked against a mask dilated in the
-//! direction of the ray (one per octant of directions), which answers most with "nothing near";
-//! for the rest, and for blocks longer than a macrocell, each sample is located.
+//! First for a whole bundle: where its rays are during a block lies in a box of macrocells, and a
+//! mask that is dilated upwards answers for two macrocells a side at once ([`Near`]), coarser ones
+//! for wider boxes. What is empty there is empty for every ray.
+//!
+//! Of the blocks that remain only the first and the last sample are located, ray by ray. If their
+//! macrocells are the same, or neighbours across one plane, all samples of the block lie in those
+//! two, and two bits answer. A block that crosses several planes at once is checked against the
+//! dilated mask; for what is still open, each sample is located.
 
 use vacua_simd::{BLOCK, Float, Int, Kernel, LANES, Mask, Simd, dispatch, per_axis};
 
-use crate::lattice::Lattice;
+use crate::lattice::{Axis, Lattice};
 use crate::mask::ActiveMask;
-use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, Window};
+use crate::near::Near;
+use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
 
 /// A walk over the active mask.
 #[derive(Clone, Debug)]
 pub struct GridSkip {
     lattice: Lattice,
     active: ActiveMask,
-    /// For each octant of directions (bit a set: towards lower a) the mask that is active where
-    /// any of the 2 × 2 × 2 macrocells in that direction is.
-    towards: Vec<ActiveMask>,
+    near: Near,
+    /// One over the side of a macrocell, where macrocells are so many ray space units wide and that
+    /// is a power of two: then a product gives the macrocell of a coordinate.
+    inverse_side: Option<f32>,
 }
 
 impl GridSkip {
     /// Prepares the masks.
     ///
-    /// Cost: 14 passes over the bits.
+    /// Cost: a few passes over the bits.
     ///
     /// # Panics
     /// If the mask belongs to another lattice.
@@ -35,15 +40,15 @@ impl GridSkip {
             active.counts(),
             "mask and lattice belong together"
         );
-        let along_x = [false, true].map(|down| dilate_x(&active, down));
-        let along_xy = [0, 1, 2, 3].map(|o| dilate_rows(&along_x[o & 1], 1, o >> 1 == 1));
-        let towards = (0..8)
-            .map(|o| dilate_rows(&along_xy[o & 3], 2, o >> 2 == 1))
-            .collect();
+        let near = Near::new(&active);
+        let unit = |axis: &Axis| matches!(axis, Axis::Unit { .. });
+        let exact = lattice.side().is_power_of_two() && lattice.axes().iter().all(unit);
+        let inverse_side = exact.then(|| 1.0 / lattice.side() as f32);
         Self {
             lattice,
             active,
-            towards,
+            near,
+            inverse_side,
         }
     }
 
@@ -51,61 +56,18 @@ impl GridSkip {
     pub fn active(&self) -> &ActiveMask {
         &self.active
     }
-}
 
-/// `m[x] | m[x ± 1]`.
-fn dilate_x(mask: &ActiveMask, down: bool) -> ActiveMask {
-    let mut out = mask.clone();
-    let row_words = mask.row_words();
-    for (to, from) in out
-        .words_mut()
-        .chunks_mut(row_words)
-        .zip(mask.words().chunks(row_words))
-    {
-        for word in 0..row_words {
-            to[word] |= if down {
-                let carry = if word > 0 { from[word - 1] >> 31 } else { 0 };
-                from[word] << 1 | carry
-            } else {
-                let carry = if word + 1 < row_words {
-                    from[word + 1] << 31
-                } else {
-                    0
-                };
-                from[word] >> 1 | carry
-            };
+    /// Macrocells of sixteen coordinates along one axis, clamped to the lattice.
+    #[inline(always)]
+    fn macrocell<S: Simd>(&self, axis: usize, at: S::F) -> S::I {
+        match self.inverse_side {
+            Some(inverse) => (at * S::F::splat(inverse))
+                .max(S::F::splat(0.0))
+                .min(S::F::splat((self.lattice.counts()[axis] - 1) as f32))
+                .to_i(),
+            None => self.lattice.macrocell::<S>(axis, at),
         }
     }
-    out
-}
-
-/// `m[a] | m[a ± 1]` along y (axis 1) or z (axis 2).
-fn dilate_rows(mask: &ActiveMask, axis: usize, down: bool) -> ActiveMask {
-    let mut out = mask.clone();
-    let row_words = mask.row_words();
-    let [_, cy, cz] = mask.counts();
-    let (stride, period) = if axis == 1 {
-        (row_words, cy)
-    } else {
-        (row_words * cy, cz)
-    };
-    let group = stride * period;
-    for (to, from) in out
-        .words_mut()
-        .chunks_mut(group)
-        .zip(mask.words().chunks(group))
-    {
-        let inner = group - stride;
-        let (to, from) = if down {
-            (&mut to[stride..], &from[..inner])
-        } else {
-            (&mut to[..inner], &from[stride..])
-        };
-        for (to, from) in to.iter_mut().zip(from) {
-            *to |= from;
-        }
-    }
-    out
 }
 
 impl Skipper for GridSkip {
@@ -113,112 +75,185 @@ impl Skipper for GridSkip {
         "grid"
     }
 
-    fn next_window(&self, ray: &SampleRay, from: u32) -> Option<Window> {
+    fn window(&self, rays: &[SampleRay], first_block: u32, blocks: &mut [u64]) {
         dispatch(Walk {
             grid: self,
-            ray,
-            from,
-        })
+            rays,
+            first_block,
+            blocks,
+        });
     }
 
     fn size_bytes(&self) -> usize {
-        self.active.size_bytes() * (1 + self.towards.len())
+        self.active.size_bytes() + self.near.size_bytes()
     }
 }
 
+/// One window of a bundle of rays.
 struct Walk<'a> {
     grid: &'a GridSkip,
-    ray: &'a SampleRay,
-    from: u32,
+    rays: &'a [SampleRay],
+    first_block: u32,
+    blocks: &'a mut [u64],
 }
 
+/// What the rays of a bundle have in common: sample `k` of each lies between
+/// `fma(k, step.0, start.0)` and `fma(k, step.1, start.1)`, as rounding is monotone.
+#[derive(Clone, Copy)]
+struct Bundle {
+    start: [(f32, f32); 3],
+    step: [(f32, f32); 3],
+    blocks: (u32, u32),
+}
+
+impl Bundle {
+    /// The rays that have samples, if any.
+    fn of(rays: &[SampleRay]) -> Option<Self> {
+        let unset = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut bundle = Self {
+            start: [unset; 3],
+            step: [unset; 3],
+            blocks: (u32::MAX, 0),
+        };
+        let wider = |(lo, hi): (f32, f32), x: f32| (lo.min(x), hi.max(x));
+        for ray in rays.iter().filter(|ray| !ray.is_empty()) {
+            for a in 0..3 {
+                bundle.start[a] = wider(bundle.start[a], ray.start[a]);
+                bundle.step[a] = wider(bundle.step[a], ray.step[a]);
+            }
+            bundle.blocks.0 = bundle.blocks.0.min(ray.first_block());
+            bundle.blocks.1 = bundle.blocks.1.max(ray.end_block());
+        }
+        (bundle.blocks.0 < bundle.blocks.1).then_some(bundle)
+    }
+}
+
+/// First samples of sixteen blocks, from block 0 on.
+const FIRST_SAMPLES: [f32; LANES] = {
+    let mut first = [0.0; LANES];
+    let mut i = 0;
+    while i < LANES {
+        first[i] = (i * BLOCK) as f32;
+        i += 1;
+    }
+    first
+};
+
+/// Sample numbers of a block, twice.
+const IN_BLOCK: [f32; LANES] = [
+    0., 1., 2., 3., 4., 5., 6., 7., 0., 1., 2., 3., 4., 5., 6., 7.,
+];
+
 impl Walk<'_> {
+    /// Of sixteen blocks, those near which anything is active.
+    #[inline(always)]
+    fn near_bundle<S: Simd>(&self, bundle: &Bundle, first_block: u32) -> u16 {
+        let head = S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * 8) as f32);
+        let tail = head + S::F::splat((BLOCK - 1) as f32);
+        let lo = per_axis!(a => {
+            let (start, step) = (S::F::splat(bundle.start[a].0), S::F::splat(bundle.step[a].0));
+            let at = head.mul_add(step, start).min(tail.mul_add(step, start));
+            self.grid.macrocell::<S>(a, at)
+        });
+        let hi = per_axis!(a => {
+            let (start, step) = (S::F::splat(bundle.start[a].1), S::F::splat(bundle.step[a].1));
+            let at = head.mul_add(step, start).max(tail.mul_add(step, start));
+            self.grid.macrocell::<S>(a, at)
+        });
+        self.grid.near.any_in_boxes::<S>(lo, hi)
+    }
+
+    /// The blocks among `candidates` of a window with a sample of the ray in an active macrocell.
+    #[inline(always)]
+    fn refine<S: Simd>(&self, ray: &SampleRay, candidates: u64) -> u64 {
+        let mut blocks = 0;
+        let mut group = 0;
+        while group < BLOCKS_PER_WINDOW {
+            let wanted = (candidates >> group) as u16;
+            if wanted != 0 {
+                let found = self.group::<S>(ray, self.first_block + group, wanted);
+                blocks |= u64::from(found) << group;
+            }
+            group += LANES as u32;
+        }
+        blocks
+    }
+
+    /// As [`Walk::refine`] for sixteen blocks.
+    #[inline(always)]
+    fn group<S: Simd>(&self, ray: &SampleRay, first_block: u32, wanted: u16) -> u16 {
+        let (begin, last) = (ray.begin as f32, (ray.end - 1) as f32);
+        let first = S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * 8) as f32);
+        let (begin, last) = (S::F::splat(begin), S::F::splat(last));
+        let final_sample = first + S::F::splat((BLOCK - 1) as f32);
+        let head = self.macrocells::<S>(ray, first.max(begin).min(last));
+        let tail = self.macrocells::<S>(ray, final_sample.max(begin).min(last));
+        let active = &self.grid.active;
+        let sure = active.bits_at::<S>(&head) | active.bits_at::<S>(&tail);
+        let same = per_axis!(a => head[a].eq(tail[a]));
+        let low = per_axis!(a => head[a].min(tail[a]));
+        let near = per_axis!(a => (head[a].max(tail[a]) - low[a]).lt(S::I::splat(2)));
+        let all_near = near[0] & near[1] & near[2];
+        // Neighbours across one plane at most: there is nothing between them.
+        let settled = (same[0] & (same[1] | same[2]) | same[1] & same[2]) & all_near;
+        let open = !(sure | settled);
+        let maybe = open & (!all_near | self.grid.near.finest().bits_at::<S>(&low));
+        let mut doubtful = maybe.to_bits() & wanted;
+        let mut found = sure.to_bits() & wanted;
+        while doubtful != 0 {
+            let a = doubtful.trailing_zeros();
+            doubtful &= doubtful - 1;
+            let b = if doubtful != 0 {
+                doubtful.trailing_zeros()
+            } else {
+                a
+            };
+            doubtful &= doubtful.wrapping_sub(1);
+            let first = |lane: u32| ((first_block + lane) * BLOCK as u32) as f32;
+            let k = S::F::from_array(IN_BLOCK) + S::F::of_blocks(first(a), first(b));
+            let at = self.macrocells::<S>(ray, k.max(begin).min(last));
+            let hits = active.bits_at::<S>(&at).to_bits();
+            found |= u16::from(hits & 0xff != 0) << a | u16::from(hits >> BLOCK != 0) << b;
+        }
+        found
+    }
+
     /// Macrocells of sixteen samples.
     #[inline(always)]
-    fn macrocells<S: Simd>(&self, k: S::F) -> [S::I; 3] {
-        per_axis!(axis => {
-            let step = S::F::splat(self.ray.step[axis]);
-            let at = k.mul_add(step, S::F::splat(self.ray.start[axis]));
-            self.grid.lattice.macrocell::<S>(axis, at)
+    fn macrocells<S: Simd>(&self, ray: &SampleRay, k: S::F) -> [S::I; 3] {
+        per_axis!(a => {
+            let at = k.mul_add(S::F::splat(ray.step[a]), S::F::splat(ray.start[a]));
+            self.grid.macrocell::<S>(a, at)
         })
-    }
-
-    /// The bits of sixteen macrocells in a mask.
-    #[inline(always)]
-    fn bits<S: Simd>(mask: &ActiveMask, at: &[S::I; 3]) -> S::M {
-        let [_, cy, _] = mask.counts();
-        let row = at[2] * S::I::splat(cy as i32) + at[1];
-        let word = row * S::I::splat(mask.row_words() as i32) + at[0].shr(S::I::splat(5));
-        // SAFETY: macrocells are clamped to the lattice, whose counts are those of the mask.
-        let word = unsafe { S::gather_u32(mask.words(), word) };
-        let bit = word.shr(at[0].and(S::I::splat(31))).and(S::I::splat(1));
-        S::I::splat(0).lt(bit)
-    }
-
-    /// Whether any sample of a block lies in an active macrocell.
-    #[inline(always)]
-    fn block_is_active<S: Simd>(&self, block: u32) -> bool {
-        let first = (block * BLOCK as u32) as f32;
-        let k: [f32; LANES] = std::array::from_fn(|i| first + (i % BLOCK) as f32);
-        let at = self.macrocells::<S>(S::F::from_array(k));
-        Self::bits::<S>(&self.grid.active, &at).any()
     }
 }
 
 impl Kernel for Walk<'_> {
-    type Output = Option<Window>;
+    type Output = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self) -> Option<Window> {
-        if self.ray.is_empty() {
-            return None;
-        }
-        let octant = (0..3).fold(0, |o, a| o | usize::from(self.ray.step[a] < 0.0) << a);
-        let towards = &self.grid.towards[octant];
-        let active = &self.grid.active;
-        let end = self.ray.end_block();
-        let mut from = self.from.max(self.ray.first_block());
-        let iota: [f32; LANES] = std::array::from_fn(|i| (i * BLOCK) as f32);
-        while from < end {
-            let first_block = from - from % BLOCKS_PER_WINDOW;
-            let mut blocks = 0u64;
-            let mut group = from - from % LANES as u32;
-            while group < end.min(first_block + BLOCKS_PER_WINDOW) {
-                let k = S::F::from_array(iota) + S::F::splat((group * BLOCK as u32) as f32);
-                let head = self.macrocells::<S>(k);
-                let tail = self.macrocells::<S>(k + S::F::splat((BLOCK - 1) as f32));
-                let sure = Self::bits::<S>(active, &head) | Self::bits::<S>(active, &tail);
-                let same = per_axis!(a => head[a].eq(tail[a]));
-                let near = per_axis!(a => {
-                    let apart = tail[a] - head[a];
-                    apart.lt(S::I::splat(2)) & S::I::splat(-2).lt(apart)
-                });
-                let settled = same[0] & (same[1] | same[2]) | same[1] & same[2];
-                let all_near = near[0] & near[1] & near[2];
-                let open = !(sure | settled & all_near);
-                let maybe = open & (!all_near | Self::bits::<S>(towards, &head));
-                let mut bits = sure.to_bits();
-                let mut doubtful = maybe.to_bits();
-                while doubtful != 0 {
-                    let lane = doubtful.trailing_zeros();
-                    doubtful &= doubtful - 1;
-                    let block = group + lane;
-                    if block >= from && block < end && self.block_is_active::<S>(block) {
-                        bits |= 1 << lane;
-                    }
+    fn run<S: Simd>(self) {
+        let mut near = 0u64;
+        if let Some(bundle) = Bundle::of(self.rays) {
+            let (from, to) = bundle.blocks;
+            let within = bits_between(self.first_block, from, to);
+            let mut group = 0;
+            while group < BLOCKS_PER_WINDOW {
+                if within >> group & 0xffff != 0 {
+                    let bits = self.near_bundle::<S>(&bundle, self.first_block + group);
+                    near |= u64::from(bits) << group;
                 }
-                blocks |= u64::from(bits) << (group - first_block);
                 group += LANES as u32;
             }
-            blocks &= SampleRay::window_bits(first_block, from, end);
-            if blocks != 0 {
-                return Some(Window {
-                    first_block,
-                    blocks,
-                });
-            }
-            from = first_block + BLOCKS_PER_WINDOW;
         }
-        None
+        for i in 0..self.rays.len() {
+            let ray = &self.rays[i];
+            let candidates = near & ray.window_bits(self.first_block);
+            self.blocks[i] = if candidates == 0 {
+                0
+            } else {
+                self.refine::<S>(ray, candidates)
+            };
+        }
     }
 }

@@ -21,6 +21,7 @@ mod lattice;
 mod macrocells;
 mod mask;
 mod mesh;
+mod near;
 mod ray;
 
 pub use boundary::{BoundaryMesh, Quad, boundary_triangle_bound};
@@ -30,4 +31,4 @@ pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS};
 pub use macrocells::{Macrocells, PointSource};
 pub use mask::{ActiveMask, Activity};
 pub use mesh::MeshSkip;
-pub use ray::{BLOCKS_PER_WINDOW, MAX_SAMPLES, NoSkip, SampleRay, Skipper, Window};
+pub use ray::{BLOCKS_PER_WINDOW, MAX_SAMPLES, NoSkip, SampleRanges, SampleRay, Skipper};

@@ -120,6 +120,18 @@ impl ActiveMask {
         &mut self.words
     }
 
+    /// The bits of sixteen macrocells.
+    #[inline(always)]
+    pub(crate) fn bits_at<S: Simd>(&self, at: &[S::I; 3]) -> S::M {
+        let row = at[2] * S::I::splat(self.counts[1] as i32) + at[1];
+        let word = row * S::I::splat(self.row_words as i32) + at[0].shr(S::I::splat(5));
+        let last = S::I::splat(self.words.len() as i32 - 1);
+        // SAFETY: limited to the words.
+        let word = unsafe { S::gather_u32(&self.words, word.min_unsigned(last)) };
+        let bit = word.shr(at[0].and(S::I::splat(31))).and(S::I::splat(1));
+        S::I::splat(0).lt(bit)
+    }
+
     /// Number of active macrocells.
     pub fn num_active(&self) -> usize {
         self.words.iter().map(|w| w.count_ones() as usize).sum()

@@ -14,7 +14,7 @@ use crate::boundary::{BoundaryMesh, Quad};
 use crate::bvh::{Hierarchy, Line, slack};
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
-use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, Window};
+use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
 
 /// The triangulated boundary of the active macrocells.
 #[derive(Clone)]
@@ -109,11 +109,18 @@ impl MeshSkip {
             .get([0, 1, 2].map(|a| self.lattice.macrocell_of(a, ray.at(a, k))))
     }
 
-    /// The first sample after `k` at which the state may differ from `active`, that of sample `k`.
-    fn next_change(&self, ray: &SampleRay, line: &Line, k: u32, active: bool) -> Option<u32> {
+    /// The first of the samples `k + 1..end` at which the state may differ from `active`, that of
+    /// sample `k`.
+    fn next_change(
+        &self,
+        ray: &SampleRay,
+        line: &Line,
+        (k, end): (u32, u32),
+        active: bool,
+    ) -> Option<u32> {
         let mut change = u32::MAX;
-        let t_min = f64::from(k) - 0.5;
-        self.hierarchy.nearest(line, t_min, |i| {
+        let (t_min, t_max) = (f64::from(k) - 0.5, f64::from(end) + 0.5);
+        self.hierarchy.nearest(line, (t_min, t_max), |i| {
             let face = &self.faces[i];
             let axis = usize::from(face.axis);
             let upward = line.step[axis] > 0.0;
@@ -154,6 +161,30 @@ impl MeshSkip {
         })?;
         Some(change)
     }
+
+    /// The blocks of one window of a ray with a sample in an active macrocell.
+    fn window_of(&self, ray: &SampleRay, first_block: u32) -> u64 {
+        let block = |k: u32| k / BLOCK as u32;
+        let mut k = ray.begin.max(first_block * BLOCK as u32);
+        let end = ray
+            .end
+            .min((first_block + BLOCKS_PER_WINDOW) * BLOCK as u32);
+        if k >= end {
+            return 0;
+        }
+        let line = Line::new(ray);
+        let mut blocks = 0;
+        while k < end {
+            let active = self.is_active(ray, k);
+            let change = self.next_change(ray, &line, (k, end), active);
+            let change = change.unwrap_or(end).min(end);
+            if active {
+                blocks |= bits_between(first_block, block(k), block(change - 1) + 1);
+            }
+            k = change;
+        }
+        blocks
+    }
 }
 
 impl Skipper for MeshSkip {
@@ -161,36 +192,10 @@ impl Skipper for MeshSkip {
         "mesh"
     }
 
-    fn next_window(&self, ray: &SampleRay, from: u32) -> Option<Window> {
-        let line = Line::new(ray);
-        let block = |k: u32| k / BLOCK as u32;
-        let mut k = ray.begin.max(from * BLOCK as u32);
-        let mut window: Option<Window> = None;
-        while k < ray.end {
-            let active = self.is_active(ray, k);
-            let change = self
-                .next_change(ray, &line, k, active)
-                .unwrap_or(ray.end)
-                .min(ray.end);
-            if active {
-                let first = block(k);
-                let current = *window.get_or_insert(Window {
-                    first_block: first - first % BLOCKS_PER_WINDOW,
-                    blocks: 0,
-                });
-                let to = block(change - 1) + 1;
-                let blocks = SampleRay::window_bits(current.first_block, first, to);
-                window = Some(Window {
-                    blocks: current.blocks | blocks,
-                    ..current
-                });
-            }
-            k = change;
-            if window.is_some_and(|w| block(k) >= w.first_block + BLOCKS_PER_WINDOW) {
-                break;
-            }
+    fn window(&self, rays: &[SampleRay], first_block: u32, blocks: &mut [u64]) {
+        for (ray, blocks) in rays.iter().zip(blocks) {
+            *blocks = self.window_of(ray, first_block);
         }
-        window
     }
 
     fn size_bytes(&self) -> usize {
