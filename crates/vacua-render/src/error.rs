@@ -40,6 +40,12 @@ pub enum RenderError {
     /// Points of a curvilinear grid that are nowhere.
     #[error("no point of the grid has a finite position")]
     NoPositions,
+    /// A mesh, which this renderer does not take.
+    #[error("an unstructured mesh of {cells} cells; this renderer takes grids only")]
+    Mesh {
+        /// Its cells.
+        cells: usize,
+    },
     /// Threads could not be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {

@@ -49,6 +49,11 @@ impl VolumeStage {
                 let cells = curvilinear.insert(CurvilinearCells::new(grid, mask)?);
                 cells.space.clone()
             }
+            Geometry::Unstructured(mesh) => {
+                return Err(RenderError::Mesh {
+                    cells: mesh.num_cells(),
+                });
+            }
         };
         let range = volume.scalars().range(0);
         let map = match (scale, range) {
