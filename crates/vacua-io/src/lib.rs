@@ -10,6 +10,7 @@ mod atomic;
 mod decode;
 mod error;
 mod files;
+mod mesh;
 mod metaimage;
 mod nifti;
 mod npy;
