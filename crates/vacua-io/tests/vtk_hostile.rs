@@ -208,6 +208,7 @@ fn every_truncation_is_refused_or_harmless() {
         "../mesh/mixed_raw_zlib_64_little.vtu",
         "../mesh/zoo_51.vtk",
         "../mesh/mixed_binary_42.vtk",
+        "../mesh/blocks.ex2",
     ] {
         let path = folder().join(name);
         let bytes = std::fs::read(&path).expect("committed");

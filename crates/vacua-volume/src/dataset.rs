@@ -69,6 +69,8 @@ pub struct Dataset {
     fields: Vec<Field>,
     blanked_cells: Option<Arc<CellMask>>,
     notes: Vec<String>,
+    times: Vec<f64>,
+    step: usize,
 }
 
 /// Why a dataset does not fit together, or has not what was asked for.
@@ -183,6 +185,8 @@ impl Dataset {
             fields,
             blanked_cells,
             notes: Vec::new(),
+            times: Vec::new(),
+            step: 0,
         })
     }
 
@@ -213,6 +217,23 @@ impl Dataset {
     pub fn with_note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
+    }
+
+    /// Says which time steps the file has, and which of them this is.
+    pub fn with_times(mut self, times: Vec<f64>, step: usize) -> Self {
+        self.times = times;
+        self.step = step;
+        self
+    }
+
+    /// The times of the steps of a file that has steps.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Which of the file's time steps this is, from 0.
+    pub fn step(&self) -> usize {
+        self.step
     }
 
     /// Where the points and cells are.

@@ -15,6 +15,7 @@ pub(crate) mod xml;
 
 pub use write::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts};
 
+pub(crate) use bytes::array_in_file;
 pub(crate) use ghost::flags as ghost_flags;
 pub(crate) use xml::as_float;
 
