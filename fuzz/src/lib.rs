@@ -22,11 +22,14 @@ const fn target(name: &'static str, file: &'static str) -> Target {
 
 /// All targets. Formats that need a second file (`.nhdr`, `.mhd`, `.pvt*`) share the parsers of
 /// those that do not.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 13] = [
     target("vti", "fuzz.vti"),
     target("vtr", "fuzz.vtr"),
     target("vts", "fuzz.vts"),
     target("vtk", "fuzz.vtk"),
+    target("vtu", "fuzz.vtu"),
+    target("vtk_mesh", "fuzz.vtk"),
+    target("exodus", "fuzz.ex2"),
     target("nrrd", "fuzz.nrrd"),
     target("mha", "fuzz.mha"),
     target("nii", "fuzz.nii"),

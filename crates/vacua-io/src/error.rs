@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use vacua_volume::{ArrayError, DatasetError, GridError, TransferFunctionError};
+use vacua_volume::{ArrayError, DatasetError, GridError, MeshError, TransferFunctionError};
 
 /// A file that could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +72,9 @@ pub enum Problem {
     /// The numbers make no grid.
     #[error(transparent)]
     Grid(#[from] GridError),
+    /// The cells make no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
     /// The bytes make no array.
     #[error(transparent)]
     Array(#[from] ArrayError),

@@ -9,8 +9,11 @@
 mod atomic;
 mod decode;
 mod error;
+mod exodus;
 mod files;
+mod mesh;
 mod metaimage;
+mod netcdf;
 mod nifti;
 mod npy;
 mod nrrd;

@@ -23,6 +23,8 @@ pub struct ReadOptions {
     pub header_bytes: Option<usize>,
     /// Spacing of a grid that has none of its own (raw, npy).
     pub spacing: Option<[f64; 3]>,
+    /// Time step of a file that has several, from 0; the first if not said.
+    pub step: Option<usize>,
     /// Origin of a grid that has none of its own (raw, npy).
     pub origin: Option<[f64; 3]>,
 }
@@ -44,6 +46,7 @@ pub fn formats() -> &'static [Format] {
     &[
         vtk::xml::FORMAT,
         vtk::legacy::FORMAT,
+        crate::exodus::FORMAT,
         crate::nrrd::FORMAT,
         crate::metaimage::FORMAT,
         crate::nifti::FORMAT,

@@ -1,4 +1,4 @@
-//! VTK files with bytes changed, cut off, spliced, and numbers replaced by absurd ones: every one is
+//! Files of grids and meshes with bytes changed, cut off, spliced, and numbers replaced by absurd ones: every one is
 //! read with all its fields, or refused with a clear error, without a large allocation.
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -46,6 +46,9 @@ const MAX_REQUEST_BYTES: usize = 34 << 20;
 
 const MUTANTS_A_FILE: usize = 60;
 
+/// However few files of a format there are.
+const MUTANTS_A_FORMAT: usize = 240;
+
 /// Numbers that sizes, counts, offsets and extents are replaced by.
 const ABSURD: [&str; 14] = [
     "0",
@@ -85,8 +88,9 @@ fn folder() -> PathBuf {
 }
 
 fn seeds() -> Vec<(PathBuf, Vec<u8>)> {
-    let mut seeds: Vec<_> = std::fs::read_dir(folder())
-        .expect("committed")
+    let mut seeds: Vec<_> = [folder(), folder().with_file_name("mesh")]
+        .iter()
+        .flat_map(|folder| std::fs::read_dir(folder).expect("committed"))
         .map(|entry| entry.expect("listable").path())
         .filter(|path| path.extension().is_some_and(|e| e != "txt"))
         .map(|path| (path.clone(), std::fs::read(path).expect("readable")))
@@ -177,7 +181,9 @@ fn mutants_are_read_or_refused() {
     let (mut num_read, mut num_refused) = (0, 0);
     for (path, bytes) in &seeds {
         assert!(bytes.len() <= 32 << 10, "{}", path.display());
-        for _ in 0..MUTANTS_A_FILE {
+        let same = |(other, _): &&(PathBuf, Vec<u8>)| other.extension() == path.extension();
+        let files = seeds.iter().filter(same).count();
+        for _ in 0..MUTANTS_A_FILE.max(MUTANTS_A_FORMAT.div_ceil(files)) {
             let other = &seeds[random.below(seeds.len())].1;
             let mutant = mutate(bytes, other, &mut random);
             if read_all(format_of(path), path, mutant) {
@@ -199,6 +205,10 @@ fn every_truncation_is_refused_or_harmless() {
         "raw_zlib_64_little.vti",
         "inline_none_32_little.vts",
         "legacy_vtr_binary_51.vtk",
+        "../mesh/mixed_raw_zlib_64_little.vtu",
+        "../mesh/zoo_51.vtk",
+        "../mesh/mixed_binary_42.vtk",
+        "../mesh/blocks.ex2",
     ] {
         let path = folder().join(name);
         let bytes = std::fs::read(&path).expect("committed");

@@ -40,7 +40,7 @@ const LARGEST: f32 = 1e30;
 pub(crate) const MAX_CORNERS: usize = 8;
 
 /// The cells of sixteen places. What belongs to lanes that are not in [`Located::found`] is void.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Located {
     /// The lanes whose place is in a cell.
     pub found: u16,

@@ -7,6 +7,7 @@
 //!
 //! All in `f64`; corners are relative to the point, which is exact enough for positions of `f32`.
 
+mod gradient;
 mod hexahedron;
 mod linear;
 mod pyramid;
@@ -14,6 +15,8 @@ mod tetrahedron;
 mod wedge;
 
 use vacua_volume::CellType;
+
+pub use gradient::gradient_at;
 
 use linear::Vec3;
 
@@ -54,6 +57,29 @@ pub fn weights_at(
             f64::from(c[2]) - position[2],
         ]
     };
+    weights_from(cell_type, at)
+}
+
+/// As [`weights_at`] for corners in `f64`: those of a mesh that is not packed.
+pub fn weights_at_f64(
+    cell_type: CellType,
+    corners: &[[f64; 3]; 8],
+    position: [f64; 3],
+) -> Option<Weights> {
+    let n = cell_type.num_points();
+    let inside = (0..3).all(|axis| {
+        let of_axis = corners[..n].iter().map(|c| c[axis]);
+        let lo = of_axis.clone().fold(f64::INFINITY, f64::min);
+        let hi = of_axis.fold(f64::NEG_INFINITY, f64::max);
+        lo <= position[axis] && position[axis] <= hi
+    });
+    let at = |k: usize| linear::sub(corners[k], position);
+    inside.then(|| weights_from(cell_type, at))?
+}
+
+/// The weights at the origin, of corners relative to it.
+#[inline(always)]
+fn weights_from(cell_type: CellType, at: impl Fn(usize) -> Vec3) -> Option<Weights> {
     match cell_type {
         CellType::Tetrahedron => tetrahedron::weights([at(0), at(1), at(2), at(3)]),
         CellType::Pyramid => pyramid::weights([at(0), at(1), at(2), at(3), at(4)]),

@@ -47,6 +47,7 @@ mod bvh;
 mod collapse;
 mod element;
 mod encode;
+mod exact;
 mod field;
 pub mod file;
 mod grid;
@@ -63,8 +64,9 @@ mod section;
 mod submesh;
 
 pub use block::{BlockLocator, BlockSampler, Located, Sampled};
-pub use element::{Weights, interpolate, weights_at};
+pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
 pub use encode::{EncodeError, EncodeOptions, EncodeReport, Encoded, PackMap, Variant, encode};
+pub use exact::MeshLocator;
 pub use field::{FieldBytes, PackFieldError, PackedField};
 pub use grid::Grid;
 pub use ids::Ids;

@@ -3,8 +3,11 @@
 mod common;
 
 use common::{CUTS, Cut, Random, lattice};
-use vacua_pack::{EncodeOptions, Encoded, Location, PackedField, Variant, encode, weights_at};
-use vacua_volume::{Association, DataArray, ScalarType, UnstructuredMesh};
+use vacua_pack::{
+    EncodeOptions, Encoded, Location, MeshLocator, PackedField, Variant, encode, interpolate,
+    weights_at, weights_at_f64,
+};
+use vacua_volume::{Association, CellMask, DataArray, ScalarType, UnstructuredMesh};
 
 const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
 
@@ -183,4 +186,73 @@ fn ranges_contain_all_samples() {
         }
         assert!(inside > 1000 && nothing > 0, "{inside} {nothing}");
     }
+}
+
+/// The locator over the mesh as it came: a linear field in `f64`, to 8 units in the last place of its
+/// range and of the coordinates that it is a function of, and the lowest cell of brute force.
+#[test]
+fn the_mesh_itself_gives_linear_fields_back_in_f64() {
+    for cut in [Cut::Tetrahedra, Cut::Wedges, Cut::Pyramids, Cut::Hexahedra] {
+        for scale in [1e-9, 1.0, 1e9] {
+            let n = 5;
+            let mesh = lattice(n, cut, 0.15, 3).placed(scale, [0.0; 3]).wide_mesh();
+            let locator = MeshLocator::new(&mesh);
+            let value = |p: glam::DVec3| 1.0 + (2.0 * p.x - 3.0 * p.y + 0.5 * p.z) / scale;
+            let width = 5.5 * n as f64;
+            let (mut random, mut found, mut worst) = (Random(5), 0, 0.0f64);
+            for _ in 0..2000 {
+                let p = [0; 3].map(|_| random.between(0.2, n as f64 - 0.2) * scale);
+                let Some((cell, weights)) = locator.locate(p.into()) else {
+                    continue;
+                };
+                found += 1;
+                let cell = mesh.cell(cell);
+                let values: Vec<f64> = cell
+                    .points()
+                    .iter()
+                    .map(|&q| value(mesh.position(q as usize)))
+                    .collect();
+                let got = interpolate(&weights, &values).expect("finite");
+                worst = worst.max((got - value(p.into())).abs() / (width * f64::EPSILON));
+            }
+            assert_eq!(found, 2000, "{cut:?}");
+            assert!(worst <= 8.0, "{cut:?} at {scale}: {worst} ulp");
+        }
+    }
+}
+
+#[test]
+fn the_mesh_itself_answers_as_brute_force_does() {
+    let mut mesh = lattice(4, Cut::Mixed, 0.25, 8).mesh();
+    let mut mask = CellMask::new(mesh.num_cells());
+    (0..mesh.num_cells())
+        .step_by(7)
+        .for_each(|cell| mask.blank(cell));
+    mesh = mesh.with_blanked_cells(mask.clone()).expect("fits");
+    let locator = MeshLocator::new(&mesh);
+    let mut random = Random(9);
+    let mut found = 0;
+    for _ in 0..500 {
+        let p = [0; 3].map(|_| random.between(-0.5, 4.5));
+        let expected = (0..mesh.num_cells())
+            .filter(|&c| !mask.is_blank(c))
+            .find(|&c| {
+                let cell = mesh.cell(c);
+                let mut corners = [[0.0; 3]; 8];
+                for (to, &q) in corners.iter_mut().zip(cell.points()) {
+                    *to = mesh.position(q as usize).to_array();
+                }
+                weights_at_f64(cell.cell_type, &corners, p).is_some()
+            });
+        assert_eq!(locator.locate(p.into()).map(|(cell, _)| cell), expected);
+        found += usize::from(expected.is_some());
+    }
+    assert!(found > 200);
+    let empty = UnstructuredMesh::mixed(
+        DataArray::from_vec(Vec::<f64>::new(), 3).expect("none"),
+        Vec::new(),
+        DataArray::from_vec(Vec::<u32>::new(), 1).expect("none"),
+    );
+    let empty = MeshLocator::new(&empty.expect("valid"));
+    assert_eq!(empty.locate(glam::DVec3::ZERO), None);
 }

@@ -40,6 +40,12 @@ pub enum RenderError {
     /// Points of a curvilinear grid that are nowhere.
     #[error("no point of the grid has a finite position")]
     NoPositions,
+    /// A mesh that cannot be encoded.
+    #[error("the mesh cannot be encoded")]
+    Encode(#[from] vacua_pack::EncodeError),
+    /// A field that cannot be encoded.
+    #[error("the field cannot be encoded")]
+    Field(#[from] vacua_pack::PackFieldError),
     /// Threads could not be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {

@@ -15,6 +15,7 @@ mod error;
 mod frame;
 mod hexahedron;
 mod march;
+mod packed;
 mod point;
 mod sampler;
 mod scene;

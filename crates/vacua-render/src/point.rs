@@ -1,13 +1,16 @@
 //! Values at single points of the world, positions and values in `f64` throughout: what `sample`
 //! prints, and an oracle for the samplers that render.
 //!
-//! The conventions are those of rendering: point data is trilinear, cell data constant in a cell;
-//! nothing outside the grid, in blanked cells, and in cells with a corner that is not a finite
+//! The conventions are those of rendering: point data is trilinear in grids and isoparametric in
+//! the cells of meshes, cell data constant in a cell; nothing outside the grid, in blanked cells, and in cells with a corner that is not a finite
 //! number. Outer faces belong to the grid, give or take the rounding of coordinates.
 
 use glam::{DMat3, DVec3};
+use vacua_pack::{MeshLocator, interpolate};
 use vacua_simd::{Float, LANES, Portable, Simd};
-use vacua_volume::{Association, CurvilinearGrid, Geometry, RectilinearGrid, UniformGrid, Volume};
+use vacua_volume::{
+    Association, CurvilinearGrid, Geometry, MAX_CELL_POINTS, RectilinearGrid, UniformGrid, Volume,
+};
 
 use crate::celltree::{VisitCell, corner_points};
 use crate::curvilinear::CurvilinearCells;
@@ -33,6 +36,7 @@ enum Locator {
     },
     Rectilinear,
     Curvilinear(Box<CurvilinearCells>),
+    Unstructured(Box<MeshLocator>),
 }
 
 /// A cell, and where in it, in `[0, 1]` along each of its axes.
@@ -41,7 +45,7 @@ type Place = ([usize; 3], DVec3);
 impl VolumeSampler {
     /// Prepares a volume, whose values are shared, not copied.
     ///
-    /// Cost: nothing but for curvilinear grids, whose cells are put in a hierarchy.
+    /// Cost: nothing but for curvilinear grids and meshes, whose cells are put in a hierarchy.
     ///
     /// # Errors
     /// [`RenderError::NoPositions`] for a curvilinear grid of which no point is anywhere.
@@ -55,6 +59,7 @@ impl VolumeSampler {
                 let mask = volume.blanked_cells().map(|m| &**m);
                 Locator::Curvilinear(Box::new(CurvilinearCells::new(grid, mask)?))
             }
+            Geometry::Unstructured(mesh) => Locator::Unstructured(Box::new(MeshLocator::new(mesh))),
         };
         Ok(Self {
             volume: volume.clone(),
@@ -72,6 +77,7 @@ impl VolumeSampler {
             (Geometry::Curvilinear(grid), Locator::Curvilinear(cells)) => {
                 self.in_curvilinear(grid, cells, world)
             }
+            (_, Locator::Unstructured(cells)) => return self.in_mesh(cells, world),
             _ => unreachable!("the locator was made for the geometry"),
         };
         let (cell, at) = place?;
@@ -95,6 +101,23 @@ impl VolumeSampler {
             }
         };
         value.is_finite().then_some(value)
+    }
+
+    /// The value in the cell of a mesh with the lowest number among those that contain a point.
+    fn in_mesh(&self, cells: &MeshLocator, world: DVec3) -> Option<f64> {
+        let (cell, weights) = cells.locate(world)?;
+        let scalars = self.volume.scalars();
+        match self.volume.association() {
+            Association::Cell => Some(scalars.get_f64(cell, 0)).filter(|v| v.is_finite()),
+            Association::Point => {
+                let cell = cells.mesh().cell(cell);
+                let mut values = [0.0; MAX_CELL_POINTS];
+                for (value, &point) in values.iter_mut().zip(cell.points()) {
+                    *value = scalars.get_f64(point as usize, 0);
+                }
+                interpolate(&weights, &values[..cell.points().len()])
+            }
+        }
     }
 
     /// Number of a cell.

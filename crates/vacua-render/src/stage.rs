@@ -16,6 +16,7 @@ use vacua_volume::{
 use crate::blocks::Strides;
 use crate::curvilinear::{CellValues, CurvilinearCells};
 use crate::error::RenderError;
+use crate::packed::PackedCells;
 use crate::sampler::Voxels;
 use crate::scene::{Integrator, SkipMethod};
 use crate::space::RaySpace;
@@ -28,6 +29,8 @@ pub(crate) struct VolumeStage {
     pub space: RaySpace,
     /// Where the cells are, if not between axis-aligned planes.
     pub curvilinear: Option<CurvilinearCells>,
+    /// The cells, if they are those of a mesh.
+    pub packed: Option<PackedCells>,
     pub strides: Strides,
     /// Range of the finite values; `None` if there are none.
     pub range: Option<ValueRange>,
@@ -40,13 +43,17 @@ pub(crate) struct VolumeStage {
 impl VolumeStage {
     /// Prepares a volume for transfer functions of one scale.
     pub fn new(volume: Arc<Volume>, scale: ValueScale) -> Result<Self, RenderError> {
-        let mut curvilinear = None;
+        let (mut curvilinear, mut packed) = (None, None);
         let space = match &**volume.geometry() {
             Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
             Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
             Geometry::Curvilinear(grid) => {
                 let mask = volume.blanked_cells().map(|m| &**m);
                 let cells = curvilinear.insert(CurvilinearCells::new(grid, mask)?);
+                cells.space.clone()
+            }
+            Geometry::Unstructured(mesh) => {
+                let cells = packed.insert(PackedCells::encode(mesh, &volume)?);
                 cells.space.clone()
             }
         };
@@ -57,9 +64,10 @@ impl VolumeStage {
             }
             _ => ValueMap::IDENTITY,
         };
-        let strides = match &curvilinear {
-            Some(cells) => cells.strides()?,
-            None => Strides::new(&space.axes, space.finest.to_array()),
+        let strides = match (&curvilinear, &packed) {
+            (Some(cells), _) => cells.strides()?,
+            (None, Some(cells)) => cells.strides.clone(),
+            (None, None) => Strides::new(&space.axes, space.finest.to_array()),
         };
         let macrocells = BTreeMap::new();
         Ok(Self {
@@ -67,6 +75,7 @@ impl VolumeStage {
             scale,
             space,
             curvilinear,
+            packed,
             strides,
             range,
             map,
@@ -92,6 +101,10 @@ impl VolumeStage {
                 let lattice = Lattice::new(self.space.axes.clone(), side)?;
                 if let Some(cells) = &self.curvilinear {
                     let cells = Arc::new(cells.macrocells(lattice, &self.cell_values()));
+                    return Ok(self.keep(side, cells, start));
+                }
+                if let Some(cells) = &self.packed {
+                    let cells = Arc::new(cells.macrocells(lattice, self.map));
                     return Ok(self.keep(side, cells, start));
                 }
                 let source = PointSource {

@@ -68,6 +68,7 @@ pub(crate) fn generate(spec: &Spec) -> Result<Dataset, SynthError> {
                 grid.coordinates(2)[z],
             ),
             Geometry::Curvilinear(grid) => grid.position(x + nx * (y + ny * z)),
+            Geometry::Unstructured(mesh) => mesh.position(x + nx * (y + ny * z)),
         };
         field.value(position)
     })?;

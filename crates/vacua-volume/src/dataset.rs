@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::array::DataArray;
 use crate::field::{Association, Field, FieldError};
 use crate::grid::Geometry;
+use crate::mesh::UnstructuredMesh;
 
 /// One bit a cell: set where the cell is blanked, that is, holds nothing to see.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,6 +69,8 @@ pub struct Dataset {
     fields: Vec<Field>,
     blanked_cells: Option<Arc<CellMask>>,
     notes: Vec<String>,
+    times: Vec<f64>,
+    step: usize,
 }
 
 /// Why a dataset does not fit together, or has not what was asked for.
@@ -155,10 +158,10 @@ pub enum ComponentChoice {
 }
 
 impl Dataset {
-    /// Puts geometry and fields together.
+    /// Puts geometry and fields together. Cells that a mesh calls blanked are blanked in the dataset.
     ///
     /// # Errors
-    /// [`DatasetError::FieldLength`] or [`DatasetError::MaskLength`] if they do not fit.
+    /// [`DatasetError::FieldLength`] if they do not fit.
     pub fn new(geometry: Geometry, fields: Vec<Field>) -> Result<Self, DatasetError> {
         for field in &fields {
             let expected = match field.association() {
@@ -174,15 +177,21 @@ impl Dataset {
                 });
             }
         }
+        let blanked_cells = geometry
+            .mesh()
+            .and_then(|mesh| mesh.blanked_cells().cloned());
         Ok(Self {
             geometry: Arc::new(geometry),
             fields,
-            blanked_cells: None,
+            blanked_cells,
             notes: Vec::new(),
+            times: Vec::new(),
+            step: 0,
         })
     }
 
-    /// Marks cells that hold nothing to see.
+    /// Marks cells that hold nothing to see, in place of those that were marked before. A mesh
+    /// carries the same mask, so that encoding it leaves them out.
     ///
     /// # Errors
     /// [`DatasetError::MaskLength`] if the mask covers another number of cells.
@@ -195,6 +204,12 @@ impl Dataset {
             });
         }
         self.blanked_cells = (mask.num_blank() > 0).then(|| Arc::new(mask));
+        if let Geometry::Unstructured(mesh) = &*self.geometry {
+            let mesh = mesh
+                .clone()
+                .with_same_blanked_cells(self.blanked_cells.clone());
+            self.geometry = Arc::new(Geometry::Unstructured(mesh));
+        }
         Ok(self)
     }
 
@@ -204,9 +219,31 @@ impl Dataset {
         self
     }
 
+    /// Says which time steps the file has, and which of them this is.
+    pub fn with_times(mut self, times: Vec<f64>, step: usize) -> Self {
+        self.times = times;
+        self.step = step;
+        self
+    }
+
+    /// The times of the steps of a file that has steps.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Which of the file's time steps this is, from 0.
+    pub fn step(&self) -> usize {
+        self.step
+    }
+
     /// Where the points and cells are.
     pub fn geometry(&self) -> &Arc<Geometry> {
         &self.geometry
+    }
+
+    /// The mesh, if the geometry is one.
+    pub fn mesh(&self) -> Option<&UnstructuredMesh> {
+        self.geometry.mesh()
     }
 
     /// All fields.
@@ -311,6 +348,11 @@ impl Volume {
         &self.geometry
     }
 
+    /// The mesh, if the geometry is one.
+    pub fn mesh(&self) -> Option<&UnstructuredMesh> {
+        self.geometry.mesh()
+    }
+
     /// Name of the field.
     pub fn name(&self) -> &str {
         &self.name
@@ -329,5 +371,69 @@ impl Volume {
     /// Cells that hold nothing to see, if any.
     pub fn blanked_cells(&self) -> Option<&Arc<CellMask>> {
         self.blanked_cells.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::CellType;
+
+    fn two_tetrahedra() -> UnstructuredMesh {
+        let positions = (0..15).map(|i| i as f32).collect::<Vec<_>>();
+        UnstructuredMesh::uniform(
+            DataArray::from_vec(positions, 3).expect("triples"),
+            CellType::Tetrahedron,
+            DataArray::from_vec(vec![0u32, 1, 2, 3, 1, 2, 3, 4], 1).expect("one column"),
+        )
+        .expect("valid")
+    }
+
+    fn field(association: Association, len: usize) -> Field {
+        let values = DataArray::from_vec(vec![1u8; len], 1).expect("one column");
+        Field::new("f", association, values)
+    }
+
+    #[test]
+    fn fields_of_a_mesh_are_as_long_as_it_has_points_or_cells() {
+        let geometry = Geometry::Unstructured(two_tetrahedra());
+        assert_eq!((geometry.num_points(), geometry.num_cells()), (5, 2));
+        assert_eq!(
+            (geometry.kind(), geometry.dimensions()),
+            ("unstructured", None)
+        );
+        let fields = vec![field(Association::Point, 5), field(Association::Cell, 2)];
+        let dataset = Dataset::new(geometry.clone(), fields).expect("fits");
+        assert_eq!(dataset.mesh().map(UnstructuredMesh::num_cells), Some(2));
+        for (association, actual, wanted) in [(Association::Point, 2, 5), (Association::Cell, 5, 2)]
+        {
+            let error = Dataset::new(geometry.clone(), vec![field(association, actual)])
+                .expect_err("the wrong number");
+            assert!(matches!(
+                error,
+                DatasetError::FieldLength { expected, .. } if expected == wanted
+            ));
+        }
+    }
+
+    #[test]
+    fn a_mesh_and_its_dataset_blank_the_same_cells() {
+        let mut mask = CellMask::new(2);
+        mask.blank(1);
+        let mesh = two_tetrahedra()
+            .with_blanked_cells(mask.clone())
+            .expect("fits");
+        let dataset = Dataset::new(Geometry::Unstructured(mesh), Vec::new()).expect("fits");
+        assert_eq!(dataset.blanked_cells().map(|m| &**m), Some(&mask));
+
+        let plain = Geometry::Unstructured(two_tetrahedra());
+        let dataset = Dataset::new(plain, Vec::new()).expect("fits");
+        assert!(dataset.blanked_cells().is_none());
+        let dataset = dataset.with_blanked_cells(mask.clone()).expect("fits");
+        let of_mesh = dataset.mesh().and_then(UnstructuredMesh::blanked_cells);
+        assert_eq!(of_mesh.map(|m| &**m), Some(&mask));
+        let dataset = dataset.with_blanked_cells(CellMask::new(2)).expect("fits");
+        assert!(dataset.mesh().is_some_and(|m| m.blanked_cells().is_none()));
+        assert!(dataset.with_blanked_cells(CellMask::new(3)).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Structured grids: where the points are. Values are fields and live elsewhere.
+//! Structured grids, and the [`Geometry`] of any dataset: where the points are. Values are fields and live elsewhere.
 //!
 //! All three kinds number points with x fastest: `x + nx · (y + ny · z)`; cells likewise with one
 //! cell fewer a side. *Index space* has point `(i, j, k)` at coordinates `(i, j, k)`.
@@ -8,6 +8,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::array::DataArray;
+use crate::mesh::UnstructuredMesh;
 use crate::scalar::ScalarType;
 
 /// Why numbers do not make a grid.
@@ -261,24 +262,41 @@ pub enum Geometry {
     Rectilinear(RectilinearGrid),
     /// A bent lattice.
     Curvilinear(CurvilinearGrid),
+    /// Cells in any mix, joined in any way.
+    Unstructured(UnstructuredMesh),
 }
 
 impl Geometry {
-    /// The word `info` prints: `uniform`, `rectilinear`, `curvilinear`.
+    /// The word `info` prints: `uniform`, `rectilinear`, `curvilinear`, `unstructured`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Uniform(_) => "uniform",
             Self::Rectilinear(_) => "rectilinear",
             Self::Curvilinear(_) => "curvilinear",
+            Self::Unstructured(_) => "unstructured",
         }
     }
 
-    /// Points a side.
+    /// Points a side of a grid; all points in one row for a mesh, which has no sides.
     pub fn points(&self) -> [usize; 3] {
         match self {
             Self::Uniform(grid) => grid.points(),
             Self::Rectilinear(grid) => grid.points(),
             Self::Curvilinear(grid) => grid.points(),
+            Self::Unstructured(mesh) => [mesh.num_points(), 1, 1],
+        }
+    }
+
+    /// Points a side; `None` for a mesh.
+    pub fn dimensions(&self) -> Option<[usize; 3]> {
+        (!matches!(self, Self::Unstructured(_))).then(|| self.points())
+    }
+
+    /// The mesh, if this is one.
+    pub fn mesh(&self) -> Option<&UnstructuredMesh> {
+        match self {
+            Self::Unstructured(mesh) => Some(mesh),
+            _ => None,
         }
     }
 
@@ -289,10 +307,14 @@ impl Geometry {
 
     /// Number of cells.
     pub fn num_cells(&self) -> usize {
-        self.points().iter().map(|n| n - 1).product()
+        match self {
+            Self::Unstructured(mesh) => mesh.num_cells(),
+            _ => self.points().iter().map(|n| n - 1).product(),
+        }
     }
 
-    /// The world box from the first to the last point, after orientation.
+    /// The world box from the first to the last point, after orientation; around all points of a
+    /// mesh, whether a cell uses them or not.
     pub fn bounds(&self) -> Bounds {
         let none = Bounds {
             lo: DVec3::ZERO,
@@ -327,6 +349,7 @@ impl Geometry {
             Self::Curvilinear(grid) => {
                 Bounds::of_points((0..self.num_points()).map(|i| grid.position(i))).unwrap_or(none)
             }
+            Self::Unstructured(mesh) => mesh.bounds().unwrap_or(none),
         }
     }
 }

@@ -24,7 +24,7 @@ pub use color_space::{ColorSpace, srgb_from_linear};
 pub use dataset::{CellMask, ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
 pub use field::{Association, Field, FieldError, LoadError};
 pub use grid::{Bounds, CurvilinearGrid, Geometry, GridError, RectilinearGrid, UniformGrid};
-pub use mesh::{Cell, CellType, Indices, MAX_CELL_POINTS, MeshError, UnstructuredMesh};
+pub use mesh::{Cell, CellType, Indices, LeftOut, MAX_CELL_POINTS, MeshError, UnstructuredMesh};
 pub use range::{ValueMap, ValueRange};
 pub use scalar::{Scalar, ScalarType, UnknownScalarType};
 pub use style::{

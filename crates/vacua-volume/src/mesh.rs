@@ -190,6 +190,16 @@ pub struct UnstructuredMesh {
     layout: Layout,
     num_cells: usize,
     blanked_cells: Option<Arc<CellMask>>,
+    left_out: Arc<[LeftOut]>,
+}
+
+/// Cells of one kind that a file has and a mesh has not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// What they are: `quad`, `line` …
+    pub name: &'static str,
+    /// How many.
+    pub count: usize,
 }
 
 impl UnstructuredMesh {
@@ -316,6 +326,7 @@ impl UnstructuredMesh {
             layout,
             num_cells,
             blanked_cells: None,
+            left_out: Arc::new([]),
         };
         match mesh.first_index_out_of_range() {
             None => Ok(mesh),
@@ -383,6 +394,23 @@ impl UnstructuredMesh {
         }
         self.blanked_cells = (mask.num_blank() > 0).then(|| Arc::new(mask));
         Ok(self)
+    }
+
+    /// As [`Self::with_blanked_cells`] with a mask of the right length.
+    pub(crate) fn with_same_blanked_cells(mut self, mask: Option<Arc<CellMask>>) -> Self {
+        self.blanked_cells = mask;
+        self
+    }
+
+    /// Says which cells of the file are not among those of the mesh: those below three dimensions.
+    pub fn with_left_out(mut self, left_out: Vec<LeftOut>) -> Self {
+        self.left_out = left_out.into();
+        self
+    }
+
+    /// Cells of the file that are not among those of the mesh.
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
     }
 
     /// One position a point, in the type it came in.

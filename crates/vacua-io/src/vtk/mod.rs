@@ -1,5 +1,5 @@
-//! The file formats of the Visualization Toolkit (VTK): XML (`.vti .vtr .vts` and their parallel
-//! `.pvti .pvtr .pvts`) and legacy (`.vtk`).
+//! The file formats of the Visualization Toolkit (VTK): XML (`.vti .vtr .vts .vtu` and their
+//! parallel `.pvti .pvtr .pvts .pvtu`) and legacy (`.vtk`).
 //!
 //! Sources: *VTK File Formats*, docs.vtk.org; where that page is silent, what VTK 9.7 writes and
 //! reads. What is common to both families lives here: extents, number text (`ascii`), byte order
@@ -14,6 +14,10 @@ mod write;
 pub(crate) mod xml;
 
 pub use write::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts};
+
+pub(crate) use bytes::array_in_file;
+pub(crate) use ghost::flags as ghost_flags;
+pub(crate) use xml::as_float;
 
 /// Name of an array that has none in its file.
 const UNNAMED: &str = "scalars";

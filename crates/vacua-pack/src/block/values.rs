@@ -8,6 +8,7 @@ use vacua_simd::{Float, Kernel, LANES, Level, Mask, Simd, Voxel, WideMap, dispat
 use vacua_volume::{Association, dispatch_scalar};
 
 use super::{BlockLocator, Located, MAX_CORNERS, Places};
+use crate::element::gradient_at;
 use crate::field::PackedField;
 use crate::packed::PackedMesh;
 
@@ -124,6 +125,40 @@ impl<'a> BlockSampler<'a> {
             }
         });
         found
+    }
+
+    /// Gradients of the values at the places that were found, axis by axis; 0 for fields on cells.
+    pub fn gradients(&self, located: &Located) -> [[f32; LANES]; 3] {
+        let mut gradients = [[0.0; LANES]; 3];
+        if self.field.association() == Association::Cell {
+            return gradients;
+        }
+        let values = self.corner_values(located);
+        for lane in (0..LANES).filter(|lane| located.found >> lane & 1 == 1) {
+            let mesh = self.locator.mesh;
+            let Some(submesh) = mesh.submesh(located.submesh[lane] as usize) else {
+                continue;
+            };
+            let cell_type = located.cell_type(lane);
+            let mut corners = [[0.0; 3]; MAX_CORNERS];
+            let mut corner_values = [0.0; MAX_CORNERS];
+            let mut weights = [0.0; MAX_CORNERS];
+            weights[0] = 1.0;
+            for k in 0..cell_type.num_points() {
+                let position = submesh.positions.get(located.corners[k][lane] as usize);
+                corners[k] = position.copied().unwrap_or([f32::NAN; 3]);
+                corner_values[k] = values[k][lane];
+                if k > 0 {
+                    weights[k] = f64::from(located.weights[k][lane]);
+                    weights[0] -= weights[k];
+                }
+            }
+            let gradient = gradient_at(cell_type, &corners, &corner_values, &weights);
+            for axis in 0..3 {
+                gradients[axis][lane] = gradient[axis] as f32;
+            }
+        }
+        gradients
     }
 
     #[inline(always)]

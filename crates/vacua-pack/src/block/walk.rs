@@ -347,6 +347,7 @@ fn collect<S: Simd>(
                     counts,
                 };
                 leaves.push_if(visit, leaf, volumes[child]);
+                submesh.prefetch_indices(if visit { first_index } else { node.first_index });
                 let num_indices = NUM_INDICES[usize::from(counts)];
                 first_index = first_index.wrapping_add(u32::from(num_indices));
             }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 use serde_json::{Number, Value};
-use vacua_volume::{Dataset, ScalarType, ValueRange};
+use vacua_volume::{CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
 
 use super::input::{InputArgs, Opened};
 use super::{Failure, output};
@@ -24,7 +24,15 @@ pub struct InfoArgs {
 struct Info {
     file: String,
     kind: &'static str,
-    dimensions: [usize; 3],
+    /// Points a side of a grid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dimensions: Option<[usize; 3]>,
+    /// Number of points of a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<u64>,
+    /// Cells of a mesh by type; those below three dimensions under their own names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cells: Option<serde_json::Map<String, Value>>,
     bounds: [f64; 6],
     #[serde(skip_serializing_if = "Option::is_none")]
     blanked_cells: Option<usize>,
@@ -82,7 +90,9 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
     Ok(Info {
         file: opened.path.display().to_string(),
         kind: geometry.kind(),
-        dimensions: geometry.points(),
+        dimensions: geometry.dimensions(),
+        points: dataset.mesh().map(|mesh| mesh.num_points() as u64),
+        cells: dataset.mesh().map(cells_by_type),
         bounds: [
             bounds.lo.x,
             bounds.hi.x,
@@ -97,6 +107,19 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
         time_step: opened.step,
         notes: dataset.notes().to_vec(),
     })
+}
+
+/// How many cells of which type a mesh and its file have.
+fn cells_by_type(mesh: &UnstructuredMesh) -> serde_json::Map<String, Value> {
+    let counts = mesh.num_cells_by_type();
+    let of_mesh = CellType::ALL.into_iter().zip(counts);
+    let of_mesh = of_mesh.filter(|&(_, count)| count > 0);
+    let left_out = mesh.left_out().iter().map(|l| (l.name, l.count));
+    of_mesh
+        .map(|(cell_type, count)| (cell_type.name(), count))
+        .chain(left_out)
+        .map(|(name, count)| (name.to_owned(), Value::from(count)))
+        .collect()
 }
 
 /// A range as JSON; whole numbers of whole-number types print as such.
@@ -125,10 +148,17 @@ fn as_text(info: &Info) -> String {
 }
 
 fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
-    let [nx, ny, nz] = info.dimensions;
     let [x0, x1, y0, y1, z0, z1] = info.bounds;
     writeln!(out, "{}", info.file)?;
-    writeln!(out, "  {} grid, {nx} × {ny} × {nz} points", info.kind)?;
+    if let Some([nx, ny, nz]) = info.dimensions {
+        writeln!(out, "  {} grid, {nx} × {ny} × {nz} points", info.kind)?;
+    }
+    if let Some(points) = info.points {
+        writeln!(out, "  {} mesh, {points} points", info.kind)?;
+    }
+    for (name, count) in info.cells.iter().flatten() {
+        writeln!(out, "  {count} × {name}")?;
+    }
     writeln!(out, "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}")?;
     if let Some(blanked) = info.blanked_cells {
         writeln!(out, "  {blanked} cells blanked")?;

@@ -67,6 +67,7 @@ impl RawArgs {
             header_bytes: self.offset,
             spacing: self.spacing,
             origin: self.origin,
+            step: None,
         }
     }
 }
@@ -97,18 +98,51 @@ impl InputArgs {
         for file in &self.files {
             steps.extend(expand(file)?);
         }
+        let options = self.raw.read_options();
+        if let [alone] = steps.as_slice() {
+            return self.open_steps_of(&alone.path, options);
+        }
         let step = choose(&steps, self.time.as_deref())?;
         let path = steps[step].path.clone();
-        let dataset = vacua_io::open_with(&path, &self.raw.read_options())?;
+        let dataset = vacua_io::open_with(&path, &options)?;
+        Ok(Opened::new(dataset, path, steps.len(), step))
+    }
+
+    /// Opens the chosen time step of a file that may have several.
+    fn open_steps_of(&self, path: &Path, options: ReadOptions) -> Result<Opened, Failure> {
+        let mut dataset = vacua_io::open_with(path, &options)?;
+        let times: Vec<Option<f64>> = match dataset.times() {
+            [] => vec![None],
+            times => times.iter().copied().map(Some).collect(),
+        };
+        let steps: Vec<Step> = times
+            .into_iter()
+            .map(|time| Step {
+                path: path.to_owned(),
+                time,
+            })
+            .collect();
+        let step = choose(&steps, self.time.as_deref())?;
+        if step != dataset.step() {
+            let step = Some(step);
+            dataset = vacua_io::open_with(path, &ReadOptions { step, ..options })?;
+        }
+        Ok(Opened::new(dataset, path.to_owned(), steps.len(), step))
+    }
+}
+
+impl Opened {
+    /// Prints what the reader has to say.
+    fn new(dataset: Dataset, path: PathBuf, num_steps: usize, step: usize) -> Self {
         for note in dataset.notes() {
             eprintln!("note: {}: {note}", path.display());
         }
-        Ok(Opened {
+        Self {
             dataset,
             path,
-            num_steps: steps.len(),
+            num_steps,
             step,
-        })
+        }
     }
 }
 

@@ -2,12 +2,13 @@
 //!
 //! `cursor` walks through words and lines, `array` finds and reads arrays of numbers,
 //! `attributes` the fields on points and cells: these serve every data set type. `structured`
-//! reads the three grids.
+//! reads the three grids, `unstructured` meshes.
 
 mod array;
 mod attributes;
 mod cursor;
 mod structured;
+mod unstructured;
 
 use vacua_volume::Dataset;
 
@@ -42,7 +43,7 @@ fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
             cursor::shown(first),
         ));
     }
-    check_version(first)?;
+    let major = major_version(first)?;
     cursor.line();
     match cursor.keyword().as_str() {
         "ascii" => cursor.set_binary(false),
@@ -69,10 +70,12 @@ fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
         "structured_points" => structured::read_points(cursor),
         "rectilinear_grid" => structured::read_rectilinear(cursor),
         "structured_grid" => structured::read_curvilinear(cursor),
-        other @ ("unstructured_grid" | "polydata" | "table" | "field" | "tree"
-        | "directed_graph" | "undirected_graph" | "molecule") => Err(Problem::unsupported(
-            format!("the legacy VTK data set type {}", other.to_uppercase()),
-        )),
+        "unstructured_grid" => unstructured::read(cursor, major),
+        other @ ("polydata" | "table" | "field" | "tree" | "directed_graph"
+        | "undirected_graph" | "molecule") => Err(Problem::unsupported(format!(
+            "the legacy VTK data set type {}",
+            other.to_uppercase()
+        ))),
         other => Err(Problem::malformed(
             place,
             "a data set type",
@@ -81,16 +84,15 @@ fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
     }
 }
 
-/// Refuses versions after the 5 series.
-fn check_version(first: &[u8]) -> Result<(), Problem> {
+/// The major version; versions after the 5 series are refused.
+fn major_version(first: &[u8]) -> Result<u32, Problem> {
     let text = String::from_utf8_lossy(first);
     let version = text.split_whitespace().last().unwrap_or("");
     let major = version.split('.').next().and_then(|m| m.parse().ok());
-    if !matches!(major, Some(1..=5u32)) {
-        return Err(Problem::unsupported(format!(
+    major.filter(|m| matches!(m, 1..=5u32)).ok_or_else(|| {
+        Problem::unsupported(format!(
             "legacy VTK version `{}`",
             cursor::shown(version.as_bytes())
-        )));
-    }
-    Ok(())
+        ))
+    })
 }

@@ -76,7 +76,11 @@ impl Head {
 }
 
 /// An array whose length and type follow, and with them its numbers.
-fn array(cursor: &mut Cursor<'_>, what: &str, components: usize) -> Result<DataArray, Problem> {
+pub(super) fn array(
+    cursor: &mut Cursor<'_>,
+    what: &str,
+    components: usize,
+) -> Result<DataArray, Problem> {
     let tuples = cursor.number("a number of tuples")?;
     let place = cursor.place();
     let element_type = ElementType::from_name(place.clone(), cursor.word())?;

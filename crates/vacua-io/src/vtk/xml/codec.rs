@@ -155,14 +155,7 @@ impl Blocks {
     ) -> Result<Self, Problem> {
         let head = words(3)?;
         let (num_blocks, block_bytes, last) = (head[0], head[1], head[2]);
-        let total = match (num_blocks, last) {
-            (0, _) => Some(0),
-            (n, 0) => n.checked_mul(block_bytes),
-            (n, last) => (n - 1)
-                .checked_mul(block_bytes)
-                .and_then(|b| b.checked_add(last))
-                .filter(|_| last <= block_bytes),
-        };
+        let total = Self::announced_bytes(&head);
         if total != Some(expected) {
             return Err(Problem::malformed(
                 what,
@@ -190,6 +183,22 @@ impl Blocks {
             block_bytes,
             compressed,
         })
+    }
+
+    /// The uncompressed size that the first three integers of the header give; `None` if it does
+    /// not fit the address space.
+    pub fn announced_bytes(head: &[usize]) -> Option<usize> {
+        let &[num_blocks, block_bytes, last] = head else {
+            return None;
+        };
+        match (num_blocks, last) {
+            (0, _) => Some(0),
+            (n, 0) => n.checked_mul(block_bytes),
+            (n, last) => (n - 1)
+                .checked_mul(block_bytes)
+                .and_then(|b| b.checked_add(last))
+                .filter(|_| last <= block_bytes),
+        }
     }
 
     /// Compressed size of all blocks in bytes.

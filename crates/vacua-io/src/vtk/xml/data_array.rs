@@ -147,6 +147,33 @@ impl DataArrayElement {
         &self.what
     }
 
+    /// How many tuples the file says it has of this array: what is to be asked of [`Self::read`]
+    /// where nothing else says it.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn tuples_in_file(&self, file: &XmlFile) -> Result<usize, Problem> {
+        if let Storage::Ascii(text) = &self.storage {
+            return Ok(ascii::words(&joined(file, text)).count() / self.components);
+        }
+        if let Storage::Inline(text) = &self.storage
+            && text.is_empty()
+        {
+            return Ok(0);
+        }
+        let stored = self.stored(file)?;
+        let bytes = match file.compressor {
+            None => stored.words(file, 1, &self.what)?[0],
+            Some(_) => {
+                let head = stored.words(file, 3, &self.what)?;
+                Blocks::announced_bytes(&head).ok_or_else(|| {
+                    Problem::malformed(&self.what, "plausible block sizes", "far larger ones")
+                })?
+            }
+        };
+        Ok(bytes / self.scalar_type.size_bytes() / self.components)
+    }
+
     /// Checks, without decoding anything, that the file can hold this many tuples: what must be
     /// known before memory for them is allocated elsewhere.
     ///

@@ -1,7 +1,8 @@
 //! VTK XML files: which type a file is, and what reads it.
 //!
 //! `document` reads markup, `data_array` and `codec` numbers: these serve every type.
-//! `structured` makes datasets of grids, `parallel` finds the pieces of a parallel file.
+//! `structured` makes datasets of grids, `parallel` finds the pieces of a parallel file of grids;
+//! `unstructured` makes meshes of both.
 
 pub(crate) mod codec;
 pub(crate) mod data_array;
@@ -9,6 +10,7 @@ pub(crate) mod document;
 mod fields;
 mod parallel;
 mod structured;
+mod unstructured;
 
 use vacua_volume::Dataset;
 
@@ -16,13 +18,13 @@ use crate::error::Problem;
 use crate::registry::{Format, ReadOptions};
 use crate::source::Source;
 use document::XmlFile;
-pub(in crate::vtk) use structured::as_float;
+pub(crate) use structured::as_float;
 use structured::{GridKind, Structured};
 
 /// The VTK XML formats.
 pub(crate) const FORMAT: Format = Format {
     name: "VTK XML",
-    extensions: &["vti", "vtr", "vts", "pvti", "pvtr", "pvts"],
+    extensions: &["vti", "vtr", "vts", "vtu", "pvti", "pvtr", "pvts", "pvtu"],
     sniff: Some(sniff),
     read,
 };
@@ -44,6 +46,11 @@ fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
     }
     if let Some(kind) = type_name.strip_prefix('P').and_then(GridKind::from_type) {
         return parallel::read(&file, kind)?.into_dataset();
+    }
+    match type_name.as_str() {
+        unstructured::SERIAL => return unstructured::read(file),
+        unstructured::PARALLEL => return unstructured::read_parallel(&file),
+        _ => {}
     }
     Err(Problem::unsupported(format!(
         "the VTK data set type `{type_name}`"

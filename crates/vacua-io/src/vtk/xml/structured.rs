@@ -209,7 +209,7 @@ pub(super) fn parse_extent(element: &Element, key: &str) -> Result<Extent, Probl
 }
 
 /// Positions of points as `f32` or `f64`; integers become `f64`.
-pub(in crate::vtk) fn as_float(positions: DataArray) -> Result<DataArray, Problem> {
+pub(crate) fn as_float(positions: DataArray) -> Result<DataArray, Problem> {
     if matches!(positions.scalar_type(), ScalarType::F32 | ScalarType::F64) {
         return Ok(positions);
     }

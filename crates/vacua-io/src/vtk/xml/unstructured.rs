@@ -1,0 +1,344 @@
+//! Unstructured meshes from VTK XML: `.vtu` of one piece or many, and `.pvtu`.
+//!
+//! Polyhedra come in two forms: one stream of `faces` with `faceoffsets` (until VTK 9.3), and since
+//! then `face_connectivity`, `face_offsets`, `polyhedron_to_faces` and `polyhedron_offsets`.
+
+use std::borrow::Cow;
+use std::cell::Cell;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use vacua_volume::{Association, DataArray, Dataset, ScalarType, dispatch_scalar};
+
+use super::as_float;
+use super::data_array::DataArrayElement;
+use super::document::{Element, XmlFile};
+use super::fields::PieceArrays;
+use crate::error::Problem;
+use crate::mesh::{
+    Ends, Faces, Part, PartField, SourceCells, assemble, faces_of_stream, index_at, join, widened,
+};
+use crate::source::Source;
+
+/// The `type` of a serial file.
+pub(super) const SERIAL: &str = "UnstructuredGrid";
+/// The `type` of a parallel file.
+pub(super) const PARALLEL: &str = "PUnstructuredGrid";
+
+/// Reads a serial file.
+///
+/// # Errors
+/// [`Problem`] where the file breaks the rules.
+pub(super) fn read(file: XmlFile) -> Result<Dataset, Problem> {
+    let (mut parts, mut notes) = (Vec::new(), Vec::new());
+    add_pieces(&Arc::new(file), &mut parts, &mut notes)?;
+    finish(parts, notes)
+}
+
+/// Reads a parallel file with the serial files that it names.
+///
+/// # Errors
+/// [`Problem::Part`] if one of them cannot be read.
+pub(super) fn read_parallel(file: &XmlFile) -> Result<Dataset, Problem> {
+    let (mut parts, mut notes) = (Vec::new(), Vec::new());
+    let folder = file.source.path().parent().unwrap_or(Path::new(""));
+    let mut seen = BTreeSet::new();
+    for piece in file.data_set()?.children_named("Piece") {
+        let name = piece.required("Source")?;
+        if !seen.insert(name) {
+            return Err(Problem::malformed(
+                piece.place(),
+                "a file that is not listed before",
+                format!("`{name}` again"),
+            ));
+        }
+        let path = folder.join(name);
+        let source = Source::open(&path).map_err(Problem::part)?;
+        let mut add = || -> Result<(), Problem> {
+            let part = XmlFile::parse(&source)?;
+            let type_name = part.root.required("type")?;
+            if type_name != SERIAL {
+                return Err(Problem::malformed(
+                    "attribute `type` of <VTKFile>",
+                    SERIAL,
+                    format!("`{type_name}`"),
+                ));
+            }
+            add_pieces(&Arc::new(part), &mut parts, &mut notes)
+        };
+        add().map_err(|problem| Problem::part(problem.in_file(&path)))?;
+    }
+    finish(parts, notes)
+}
+
+/// Joins pieces; empty ones, which often lack arrays, count only if there are no others.
+fn finish(mut parts: Vec<Part>, notes: Vec<String>) -> Result<Dataset, Problem> {
+    let is_full = |part: &Part| part.positions.tuples() > 0 || part.cells.num_source_cells > 0;
+    if parts.iter().any(is_full) {
+        parts.retain(is_full);
+    }
+    join(parts, notes)
+}
+
+fn add_pieces(
+    file: &Arc<XmlFile>,
+    parts: &mut Vec<Part>,
+    notes: &mut Vec<String>,
+) -> Result<(), Problem> {
+    for piece in file.data_set()?.children_named("Piece") {
+        parts.push(read_piece(file, piece, notes)?);
+    }
+    Ok(())
+}
+
+/// One piece of a serial file.
+fn read_piece(
+    file: &Arc<XmlFile>,
+    piece: &Element,
+    notes: &mut Vec<String>,
+) -> Result<Part, Problem> {
+    let count = |key: &str| -> Result<usize, Problem> {
+        piece.required(key)?;
+        Ok(piece
+            .parsed(key, "a number that is not negative")?
+            .unwrap_or(0))
+    };
+    let (num_points, num_cells) = (count("NumberOfPoints")?, count("NumberOfCells")?);
+    let positions = match piece.child("Points").and_then(|p| p.child("DataArray")) {
+        Some(element) => {
+            as_float(DataArrayElement::parse_numbers(element)?.read(file, num_points)?)?
+        }
+        None if num_points == 0 => DataArray::from_vec(Vec::<f32>::new(), 3)?,
+        None => {
+            return Err(Problem::malformed(
+                piece.place(),
+                "an element <Points> with positions",
+                "none",
+            ));
+        }
+    };
+    let at = |point: u64| {
+        let point = usize::try_from(point)
+            .ok()
+            .filter(|&p| p < positions.tuples())?;
+        let at = |axis| positions.get_f64(point, axis);
+        (positions.components() == 3).then(|| glam::DVec3::new(at(0), at(1), at(2)))
+    };
+    let cells = match piece.child("Cells") {
+        Some(element) => {
+            let cells = CellArrays::read(file, element, num_cells)?;
+            let faces = |cell: usize, _: &[u64]| cells.faces(cell);
+            let faces: &Faces<'_> = &faces;
+            assemble(
+                &SourceCells {
+                    types: Cow::Borrowed(&cells.types),
+                    ends: Some(Ends::Array {
+                        array: &cells.ends,
+                        skip: 0,
+                    }),
+                    connectivity: cells.connectivity.clone(),
+                    faces: cells.has_faces().then_some(faces),
+                    what: piece.place(),
+                },
+                &at,
+            )?
+        }
+        None if num_cells == 0 => assemble(&SourceCells::none(piece.place())?, &at)?,
+        None => {
+            return Err(Problem::malformed(
+                piece.place(),
+                "an element <Cells>",
+                "none",
+            ));
+        }
+    };
+    let point = PieceArrays::parse(piece.child("PointData"), notes)?;
+    let cell = PieceArrays::parse(piece.child("CellData"), notes)?;
+    let flags = |arrays: &PieceArrays, tuples| {
+        let ghost = arrays.ghost.as_ref();
+        ghost.map(|array| array.read(file, tuples)).transpose()
+    };
+    let (point_flags, cell_flags) = (flags(&point, num_points)?, flags(&cell, num_cells)?);
+    let of_points = point
+        .fields
+        .into_iter()
+        .map(|f| (Association::Point, num_points, f));
+    let of_cells = cell
+        .fields
+        .into_iter()
+        .map(|f| (Association::Cell, num_cells, f));
+    let fields = of_points
+        .chain(of_cells)
+        .map(|(association, tuples, array)| {
+            let (file_to_load, file_to_check) = (file.clone(), file.clone());
+            let (element, to_check) = (array.element.clone(), array.element);
+            PartField {
+                name: array.name,
+                association,
+                scalar_type: element.scalar_type,
+                components: element.components,
+                load: Arc::new(move || element.read(&file_to_load, tuples)),
+                check: Arc::new(move || to_check.check(&file_to_check, tuples)),
+            }
+        });
+    Ok(Part {
+        fields: fields.collect(),
+        positions,
+        cells,
+        point_flags,
+        cell_flags,
+    })
+}
+
+/// The arrays in `<Cells>`.
+struct CellArrays {
+    types: Vec<u8>,
+    ends: DataArray,
+    connectivity: DataArray,
+    polyhedra: Option<Polyhedra>,
+    /// How many more points of faces there may be: a face has two sides.
+    face_points_left: Cell<usize>,
+}
+
+/// Where the faces of polyhedra are.
+enum Polyhedra {
+    /// One stream, and where each cell's part of it ends; negative for other cells.
+    Stream { faces: DataArray, ends: DataArray },
+    /// Faces by number: their points, where those end, the faces of all cells, where those end.
+    Listed {
+        points: DataArray,
+        point_ends: DataArray,
+        faces: DataArray,
+        face_ends: DataArray,
+    },
+}
+
+impl CellArrays {
+    fn read(file: &XmlFile, cells: &Element, num_cells: usize) -> Result<Self, Problem> {
+        let find = |name: &str| -> Result<Option<DataArrayElement>, Problem> {
+            let mut arrays = cells.children_named("DataArray");
+            let found = arrays.find(|a| a.attribute("Name") == Some(name));
+            found.map(DataArrayElement::parse_numbers).transpose()
+        };
+        let integers = |name: &str, tuples: Option<usize>| -> Result<Option<DataArray>, Problem> {
+            let Some(element) = find(name)? else {
+                return Ok(None);
+            };
+            let tuples = match tuples {
+                Some(tuples) => tuples,
+                None => element.tuples_in_file(file)?,
+            };
+            if element.components != 1 {
+                return Err(Problem::malformed(
+                    element.what(),
+                    "1 component",
+                    element.components.to_string(),
+                ));
+            }
+            widened(element.read(file, tuples)?, element.what()).map(Some)
+        };
+        let required = |name: &str, tuples: Option<usize>| {
+            integers(name, tuples)?.ok_or_else(|| {
+                Problem::malformed(cells.place(), format!("an array `{name}`"), "none")
+            })
+        };
+        let types = find("types")?
+            .ok_or_else(|| Problem::malformed(cells.place(), "an array `types`", "none"))?;
+        let types = cell_types(&types.read(file, num_cells)?, types.what())?;
+        let ends = required("offsets", Some(num_cells))?;
+        let connectivity = required("connectivity", None)?;
+        let polyhedra = if let Some(faces) = integers("faces", None)? {
+            let ends = required("faceoffsets", Some(num_cells))?;
+            Some(Polyhedra::Stream { faces, ends })
+        } else if let Some(points) = integers("face_connectivity", None)? {
+            Some(Polyhedra::Listed {
+                points,
+                point_ends: required("face_offsets", None)?,
+                faces: required("polyhedron_to_faces", None)?,
+                face_ends: required("polyhedron_offsets", None)?,
+            })
+        } else {
+            None
+        };
+        let face_points = match &polyhedra {
+            Some(Polyhedra::Listed { points, .. }) => points.tuples(),
+            _ => 0,
+        };
+        Ok(Self {
+            types,
+            ends,
+            connectivity,
+            polyhedra,
+            face_points_left: Cell::new(face_points.saturating_mul(2)),
+        })
+    }
+
+    fn has_faces(&self) -> bool {
+        self.polyhedra.is_some()
+    }
+
+    /// The faces of one cell.
+    fn faces(&self, cell: usize) -> Result<Vec<Vec<u64>>, Problem> {
+        let place = format!("polyhedron {cell}");
+        let wrong = || Problem::malformed(&place, "faces in their arrays", "places outside them");
+        let span = |array: &DataArray, ends: &DataArray, place: usize| {
+            let end = index_at(ends, place)?;
+            // Negative ends are those of cells without faces.
+            let start = (0..place)
+                .rev()
+                .find_map(|p| index_at(ends, p))
+                .unwrap_or(0);
+            (start <= end && end <= array.tuples()).then_some(start..end)
+        };
+        let numbers = |array: &DataArray, span: std::ops::Range<usize>| -> Option<Vec<u64>> {
+            span.map(|i| index_at(array, i).map(|n| n as u64)).collect()
+        };
+        match &self.polyhedra {
+            None => Err(wrong()),
+            Some(Polyhedra::Stream { faces, ends }) => {
+                let stream = span(faces, ends, cell).and_then(|s| numbers(faces, s));
+                faces_of_stream(&place, &stream.ok_or_else(wrong)?)
+            }
+            Some(Polyhedra::Listed {
+                points,
+                point_ends,
+                faces,
+                face_ends,
+            }) => {
+                let listed = span(faces, face_ends, cell).and_then(|s| numbers(faces, s));
+                let listed = listed.ok_or_else(wrong)?;
+                let face = |&face: &u64| {
+                    let span = span(points, point_ends, usize::try_from(face).ok()?)?;
+                    let left = self.face_points_left.get().checked_sub(span.len())?;
+                    self.face_points_left.set(left);
+                    numbers(points, span)
+                };
+                listed
+                    .iter()
+                    .map(face)
+                    .collect::<Option<_>>()
+                    .ok_or_else(wrong)
+            }
+        }
+    }
+}
+
+/// Cell types in whatever integers.
+fn cell_types(array: &DataArray, what: &str) -> Result<Vec<u8>, Problem> {
+    let wrong = || Problem::malformed(what, "numbers of VTK cell types, 0 to 255", "others");
+    if matches!(array.scalar_type(), ScalarType::F32 | ScalarType::F64) || array.components() != 1 {
+        return Err(wrong());
+    }
+    if let Some(bytes) = array.as_slice::<u8>() {
+        return Ok(bytes.to_vec());
+    }
+    dispatch_scalar!(array.scalar_type(), T => {
+        let all: &[T] = bytemuck::cast_slice(array.bytes());
+        let byte = |v: &T| {
+            let v = vacua_volume::Scalar::to_f64(*v);
+            (0.0..=255.0).contains(&v).then_some(v as u8).ok_or_else(wrong)
+        };
+        all.iter().map(byte).collect()
+    })
+}
