@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use vacua_io::{Picture, write_picture};
+use vacua_io::picture::{Picture, write_picture};
 use vacua_render::{
     Camera, CpuRenderer, Integrator, Projection, RenderSettings, Renderer, Scene, Shading,
     SkipMethod,
