@@ -84,7 +84,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                         report.reason.as_deref().unwrap_or("")
                     );
                 }
-                if i + 1 == frames && skip == SkipMethod::Grid
+                if i + 1 == frames
+                    && skip == SkipMethod::Grid
                     && let Some(out) = arguments.get(4)
                 {
                     let picture = Picture {

@@ -8,9 +8,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use vacua_pack::layout::{Child, WIDTH};
-use vacua_pack::{
-    BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, Submesh, encode,
-};
+use vacua_pack::{BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, Submesh, encode};
 use vacua_simd::{Float, Mask, Simd, WideMap, per_axis};
 use vacua_skip::{Axis, Lattice, Macrocells};
 use vacua_volume::{CellType, UnstructuredMesh, ValueMap, Volume};
@@ -20,8 +18,8 @@ use crate::error::RenderError;
 use crate::sampler::Sampler;
 use crate::space::RaySpace;
 
-/// Cells in a cube of the lattice, about, were they all alike: half a byte a cell for strides.
-const CELLS_PER_CUBE: f64 = 8.0;
+/// Cells in a cube of the lattice, at least, were they all alike: a byte a cell for strides at most.
+const CELLS_PER_CUBE: f64 = 4.0;
 /// Most cubes along an axis.
 const MAX_CUBES: f64 = 1024.0;
 /// Cubes a side that are taken together for the smallest cell size there is.
@@ -181,7 +179,8 @@ impl PackedCells {
                     middle += positions[k] / n as f64;
                 }
                 let size = cell_size(cell_type, &positions) / f64::from(self.cube);
-                let middle = (middle - DVec3::from(self.corner.map(f64::from))) / f64::from(self.cube);
+                let middle =
+                    (middle - DVec3::from(self.corner.map(f64::from))) / f64::from(self.cube);
                 if size > 0.0 && size.is_finite() && middle.is_finite() {
                     let at = [0, 1, 2].map(|a| lattice.macrocell_of(a, middle[a] as f32));
                     sizes.push(((at[0] + nx * (at[1] + ny * at[2])) as u32, size as f32));
@@ -211,7 +210,9 @@ impl PackedCells {
                 continue;
             };
             for child in (0..WIDTH).filter(|&c| matches!(node.child(c), Child::Leaf(_))) {
-                let range = self.field.child_range(&self.mesh, number, number_of_node, child);
+                let range = self
+                    .field
+                    .child_range(&self.mesh, number, number_of_node, child);
                 let Some(range) = range else {
                     continue;
                 };

@@ -158,8 +158,7 @@ impl RaySetup {
         for a in 0..3 {
             for i in 0..TILE_RAYS {
                 let (o, v) = (&origin_world, &direction);
-                origin[a][i] =
-                    m[0][a] * o[0][i] + m[1][a] * o[1][i] + m[2][a] * o[2][i] + moved[a];
+                origin[a][i] = m[0][a] * o[0][i] + m[1][a] * o[1][i] + m[2][a] * o[2][i] + moved[a];
                 d[a][i] = m[0][a] * v[0][i] + m[1][a] * v[1][i] + m[2][a] * v[2][i];
             }
         }
@@ -222,10 +221,7 @@ impl RaySetup {
                 self.clip_ray(&mut tile, i, origin);
             }
         }
-        tile.rays
-            .iter()
-            .any(|ray| !ray.is_empty())
-            .then_some(tile)
+        tile.rays.iter().any(|ray| !ray.is_empty()).then_some(tile)
     }
 
     /// Samples between the camera and the volume, with two of slack for rounding (the exact range

@@ -317,7 +317,10 @@ fn skipping_is_invisible() {
             for method in [SkipMethod::Grid, SkipMethod::Boxes, SkipMethod::Mesh] {
                 let rendering = renderer.render(&scene, &settings(method));
                 let frame = rendering.expect("a good scene").frame;
-                prop_assert!(bits(&frame) == bits(&reference), "{method:?} with renderer {i}");
+                prop_assert!(
+                    bits(&frame) == bits(&reference),
+                    "{method:?} with renderer {i}"
+                );
                 prop_assert!(frame.total_samples() <= reference.total_samples());
             }
         }
@@ -326,7 +329,11 @@ fn skipping_is_invisible() {
     if let Err(error) = result {
         panic!("{error}");
     }
-    assert!(visible.get() > 60, "{} pictures with anything", visible.get());
+    assert!(
+        visible.get() > 60,
+        "{} pictures with anything",
+        visible.get()
+    );
 }
 
 fn plain(cut: usize, scale: f64) -> Case {
@@ -368,7 +375,9 @@ fn a_constant_field_absorbs_as_beer_and_lambert_say() {
             eye: center - 20.0 * scale * DVec3::Z,
             at: center,
             up: DVec3::Y,
-            projection: Projection::Orthographic { height: 4.0 * scale },
+            projection: Projection::Orthographic {
+                height: 4.0 * scale,
+            },
         });
         let settings = RenderSettings {
             width: 8,
@@ -383,7 +392,10 @@ fn a_constant_field_absorbs_as_beer_and_lambert_say() {
         for pixel in &frame.rgba {
             let alpha = f64::from(pixel[3]);
             // One sample more or less at the end.
-            assert!((alpha - expected).abs() < 0.01, "{cut}: {alpha} for {expected}");
+            assert!(
+                (alpha - expected).abs() < 0.01,
+                "{cut}: {alpha} for {expected}"
+            );
         }
     }
 }
@@ -394,7 +406,12 @@ fn every_kind_of_cell_shows_the_same_linear_field() {
     let mut renderer = CpuRenderer::new(Some(2)).expect("threads");
     let mut pictures: Vec<Frame> = Vec::new();
     for cut in 0..4 {
-        let mesh = mesh(&plain(cut, 1.0));
+        let mut case = plain(cut, 1.0);
+        if cut == 3 {
+            // Bent faces of different cells would leave gaps between them.
+            case.disorder = 0.0;
+        }
+        let mesh = mesh(&case);
         let value = |i: usize| {
             let p = mesh.position(i);
             (10.0 + 8.0 * p.x + 4.0 * p.y - 2.0 * p.z) as f32

@@ -248,9 +248,7 @@ impl Int for I {
     }
     #[inline(never)]
     fn min_unsigned(self, b: Self) -> Self {
-        Self(from_fn(|i| {
-            (self.0[i] as u32).min(b.0[i] as u32) as i32
-        }))
+        Self(from_fn(|i| (self.0[i] as u32).min(b.0[i] as u32) as i32))
     }
     #[inline(never)]
     fn and(self, b: Self) -> Self {

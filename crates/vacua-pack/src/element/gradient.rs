@@ -119,7 +119,10 @@ mod tests {
         let values = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
         for cell_type in CellType::ALL {
             let weights = [0.125; 8];
-            assert_eq!(gradient_at(cell_type, &corners, &values, &weights), [0.0; 3]);
+            assert_eq!(
+                gradient_at(cell_type, &corners, &values, &weights),
+                [0.0; 3]
+            );
         }
     }
 }
