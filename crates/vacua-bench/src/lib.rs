@@ -1,11 +1,13 @@
 //! The tables of the papers and the figures of the project, regenerated on this machine.
 //!
 //! [`skip::run`] measures Tables 1 to 4 of paper A (Wald, Zellmann and Morrical 2021) over
-//! stand-ins for its volumes; [`render::run`] measures the benchmark scene `shells256`. Results are
+//! stand-ins for its volumes; [`render::run`] measures the benchmark scene `shells256`, [`auto::run`]
+//! whether `--skip auto` chooses well. Results are
 //! plain data that serialises to JSON; every figure in a printed table is in there, and a cell
 //! without a figure says why.
 #![forbid(unsafe_code)]
 
+pub mod auto;
 mod cell;
 mod error;
 mod machine;

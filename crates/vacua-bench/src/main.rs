@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use serde::Serialize;
+use vacua_bench::auto::{self, AutoOptions};
 use vacua_bench::render::{self, RenderOptions};
 use vacua_bench::skip::{self, Model, SkipOptions};
 
@@ -23,6 +24,14 @@ enum Command {
         /// Volumes to measure on: heptane, flower, dns, llnl; all if none are named.
         #[arg(long, value_delimiter = ',')]
         models: Vec<Model>,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// First pictures of many scenes, with `auto` and with every fixed choice.
+    Auto {
+        /// Points a side of every volume.
+        #[arg(long, default_value = "256")]
+        points: usize,
         #[command(flatten)]
         common: Common,
     },
@@ -69,6 +78,7 @@ fn main() -> ExitCode {
     let Arguments { command } = Arguments::parse();
     let outcome = match command {
         Command::Skip { models, common } => run_skip(models, common),
+        Command::Auto { points, common } => run_auto(points, common),
         Command::Render { common } => run_render(common),
     };
     let written = outcome.and_then(|text| Ok(writeln!(std::io::stdout(), "{text}")?));
@@ -102,6 +112,17 @@ fn run_skip(models: Vec<Model>, common: Common) -> Outcome {
             models
         },
         quick: common.quick,
+    })?;
+    text(&results, common.json, || results.markdown())
+}
+
+fn run_auto(points: usize, common: Common) -> Outcome {
+    let defaults = AutoOptions::default();
+    let results = auto::run(&AutoOptions {
+        points,
+        size: common.size.unwrap_or(defaults.size),
+        repeats: common.repeats.unwrap_or(defaults.repeats),
+        threads: common.threads,
     })?;
     text(&results, common.json, || results.markdown())
 }

@@ -54,12 +54,20 @@ pub(crate) fn look(spec: &Spec, scale: f64) -> Result<TransferFunction, BenchErr
         actual: spec.kind.name().to_owned(),
         expected: "one with a transfer function",
     })?;
-    Ok(TransferFunction::new(
+    Ok(look_at_scale(&look, scale)?)
+}
+
+/// A transfer function for a volume of a part of its full size.
+pub(crate) fn look_at_scale(
+    look: &TransferFunction,
+    scale: f64,
+) -> Result<TransferFunction, TransferFunctionError> {
+    TransferFunction::new(
         look.colors().to_vec(),
         look.opacities().to_vec(),
         look.unit_length() * scale,
         look.scale(),
-    )?)
+    )
 }
 
 /// A transfer function that differs so little that nothing but equality notices: with it, every

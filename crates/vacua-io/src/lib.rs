@@ -12,6 +12,7 @@ mod error;
 mod exodus;
 mod files;
 mod mesh;
+mod mesh_dump;
 mod metaimage;
 mod netcdf;
 mod nifti;

@@ -97,9 +97,10 @@ const WHOLE_WRITERS: &[(&str, WholeWriter)] = &[
     ("vti", vtk::write_vti),
     ("vtr", vtk::write_vtr),
     ("vts", vtk::write_vts),
+    ("vtu", vtk::write_vtu),
 ];
 
-/// Writes a dataset in the format of the path's extension: all of it as `.vti`, `.vtr` or `.vts`,
+/// Writes a dataset in the format of the path's extension: all of it as `.vti`, `.vtr`, `.vts` or `.vtu`,
 /// one field as `.npy`, `.nrrd`, `.mha` or `.raw`. Returns what that format could not hold.
 ///
 /// # Errors
@@ -134,7 +135,7 @@ pub fn save(
                 .iter()
                 .map(|f| format!("{} (.{})", f.name, f.extensions.join(", .")))
                 .collect();
-            known.push("VTK XML (.vti, .vtr, .vts)".to_owned());
+            known.push("VTK XML (.vti, .vtr, .vts, .vtu)".to_owned());
             fail(Problem::unsupported_but(
                 format!("writing `.{extension}` files"),
                 format!("vacua writes {}", known.join(", ")),
@@ -142,7 +143,7 @@ pub fn save(
         })?;
     let Geometry::Uniform(grid) = &**dataset.geometry() else {
         return Err(fail(Problem::unsupported(format!(
-            "a {} grid in a {} file",
+            "{} points and cells in a {} file",
             dataset.geometry().kind(),
             format.name
         ))));

@@ -90,7 +90,8 @@ fn check(name: &str, dataset: &Dataset, expected: &Contents) {
         left_out.extend(std::iter::repeat_n(kind.name.to_owned(), kind.count));
     }
     let mut expected_left_out = expected.left_out.clone();
-    (left_out.sort(), expected_left_out.sort());
+    left_out.sort();
+    expected_left_out.sort();
     assert_eq!(left_out, expected_left_out, "{name}");
     assert_eq!(dataset.fields().len(), expected.fields.len(), "{name}");
     for (association, scalar_type, components, field_name, values) in &expected.fields {

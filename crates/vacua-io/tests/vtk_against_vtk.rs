@@ -71,6 +71,7 @@ fn position(geometry: &Geometry, point: usize) -> DVec3 {
             DVec3::from_array([0, 1, 2].map(|axis| grid.coordinates(axis)[index[axis]]))
         }
         Geometry::Curvilinear(grid) => grid.position(point),
+        Geometry::Unstructured(mesh) => mesh.position(point),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What is written reads back the same: geometry, every field bit for bit, blanked cells.
 
 use glam::{DAffine3, DMat3, DVec3};
-use vacua_io::vtk::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts};
+use vacua_io::vtk::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts, write_vtu};
 use vacua_io::{ReadOptions, Source, formats};
 use vacua_volume::{
     Association, CellMask, CurvilinearGrid, DataArray, Dataset, Field, Geometry, RectilinearGrid,
@@ -154,5 +154,37 @@ fn raw_data_is_mapped_and_not_copied() {
             "{}",
             field.name()
         );
+    }
+}
+
+#[test]
+fn meshes_read_back_the_same() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mesh");
+    for name in [
+        "mixed_ascii.vtu",
+        "tets_raw.vtu",
+        "hidden.vtu",
+        "zoo.vtu",
+        "pieces.pvtu",
+    ] {
+        let dataset = vacua_io::open(folder.join(name)).expect("readable");
+        for options in both_encodings() {
+            let out = tempfile::tempdir().expect("temporary folder");
+            let path = out.path().join("out.vtu");
+            write_vtu(&path, &dataset, &options).expect("writable");
+            let back = vacua_io::open(&path).expect("readable");
+            assert_same(&dataset, &back);
+            let (a, b) = (
+                dataset.mesh().expect("a mesh"),
+                back.mesh().expect("a mesh"),
+            );
+            assert_eq!(a.positions().bytes(), b.positions().bytes(), "{name}");
+            assert_eq!(a.num_cells(), b.num_cells(), "{name}");
+            for cell in 0..a.num_cells() {
+                assert_eq!(a.cell(cell), b.cell(cell), "{name}: {cell}");
+            }
+        }
+        let path = folder.join("never.vti");
+        assert!(write_vti(&path, &dataset, &WriteOptions::default()).is_err());
     }
 }

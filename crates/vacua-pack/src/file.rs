@@ -38,6 +38,7 @@
 //! table, reading the mesh or a field checks its sections.
 
 mod read;
+mod summary;
 #[cfg(test)]
 mod tests;
 mod write;
@@ -45,6 +46,7 @@ mod write;
 use bytemuck::{Pod, Zeroable};
 
 pub use read::{FieldEntry, PackedFile};
+pub use summary::{FieldSummary, FileSummary};
 pub use write::write_file;
 
 const MAGIC: [u8; 8] = *b"\x89VACUA\r\n";
@@ -67,6 +69,11 @@ const VALUES: u32 = 17;
 const SUBMESH_RANGES: u32 = 18;
 const NODE_RANGES: u32 = 19;
 const CELLS_BEFORE: u32 = 20;
+
+/// Whether bytes begin as a `.vacua` file does.
+pub fn is_packed(bytes: &[u8]) -> bool {
+    bytes.starts_with(&MAGIC)
+}
 
 fn kind_name(kind: u32) -> &'static str {
     match kind {

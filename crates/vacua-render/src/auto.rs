@@ -3,6 +3,10 @@
 //! Every candidate renders the same few tiles, spread over the picture; the fastest wins. The
 //! tiles are so few that all candidates together cost a few per cent of one frame, and the choice
 //! is kept until the transfer function changes. A picture of few tiles is not worth measuring.
+//!
+//! Candidates are the walk over the mask, with three sizes of macrocells, and, where most of them
+//! are active, no skipping at all. Proxy boxes and boundary mesh take several times as long on a
+//! CPU in every scene of `vacua-bench auto`; measuring them would cost more than it could win.
 
 use std::time::Instant;
 
@@ -10,17 +14,23 @@ use crate::error::RenderError;
 use crate::scene::{Integrator, SkipMethod};
 use crate::stage::{LookStage, SkipStage, VolumeStage};
 
-/// Tiles that each candidate renders.
-const PILOT_TILES: usize = 96;
+/// Tiles that each candidate renders, at most.
+const PILOT_TILES: usize = 24;
 
-/// Least tiles of a picture for each that is measured.
-const LEAST_SHARE: usize = 24;
+/// Least tiles of a picture for each that is measured: five candidates then cost a twentieth.
+const LEAST_SHARE: usize = 100;
 
-/// Macrocell sides that are tried, coarser ones made from finer ones.
-const SIDES: [usize; 3] = [4, 8, 16];
+/// Least tiles that say anything.
+const LEAST_TILES: usize = 8;
 
-/// Bytes of macrocells that the finest side may take, as a share of the voxels.
-const FINEST_SHARE: f64 = 0.05;
+/// Macrocell sides that are tried. The first is measured twice, once to warm up.
+const SIDES: [usize; 3] = [8, 4, 16];
+
+/// Bytes of macrocells that the finest side may take, as a share of the voxels: those of a byte.
+const FINEST_SHARE: f64 = 0.13;
+
+/// Share of active macrocells from which not to skip is measured, too.
+const MANY_ACTIVE: f64 = 0.5;
 
 /// What `auto` chose.
 pub(crate) struct Choice {
@@ -40,8 +50,8 @@ pub(crate) fn choose(
     let build = |volume: &mut VolumeStage, method, side| {
         SkipStage::new(volume, look, integrator, method, side)
     };
-    let every = num_tiles / PILOT_TILES;
-    if every < LEAST_SHARE {
+    let every = (num_tiles / PILOT_TILES).max(LEAST_SHARE);
+    if num_tiles / every < LEAST_TILES {
         let side = side.unwrap_or(crate::cpu::DEFAULT_MACROCELL_SIDE);
         let stage = build(volume, SkipMethod::Grid, side)?;
         let reason = "the picture is too small to measure".to_owned();
@@ -58,18 +68,29 @@ pub(crate) fn choose(
             SIDES.into_iter().filter(|&side| affordable(side)).collect()
         }
     };
-    let mut candidates = vec![(SkipMethod::None, sides[0])];
-    candidates.extend(sides.into_iter().map(|side| (SkipMethod::Grid, side)));
+    if sides.contains(&4) {
+        // Coarser macrocells are made from finer ones.
+        volume.macrocells(4)?;
+    }
     let mut measured: Vec<(f64, SkipStage)> = Vec::new();
-    for (method, side) in candidates {
-        let stage = build(volume, method, side)?;
-        if measured.is_empty() {
-            // Brings the voxels of these tiles into the cache for all candidates alike.
-            pilot(volume, &stage, every);
-        }
+    let timed = |volume: &VolumeStage, stage: &SkipStage| {
         let start = Instant::now();
-        pilot(volume, &stage, every);
-        measured.push((start.elapsed().as_secs_f64(), stage));
+        pilot(volume, stage, every);
+        start.elapsed().as_secs_f64()
+    };
+    let mut many_active = false;
+    for (i, &side) in sides.iter().enumerate() {
+        let stage = build(volume, SkipMethod::Grid, side)?;
+        if i == 0 {
+            // Brings the voxels of these tiles into the cache for all candidates alike.
+            timed(volume, &stage);
+            many_active = stage.num_active as f64 > MANY_ACTIVE * stage.num_macrocells as f64;
+        }
+        measured.push((timed(volume, &stage), stage));
+    }
+    if many_active {
+        let stage = build(volume, SkipMethod::None, sides[0])?;
+        measured.push((timed(volume, &stage), stage));
     }
     let times: Vec<String> = measured
         .iter()
@@ -85,6 +106,6 @@ pub(crate) fn choose(
     let fastest = measured.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
     match fastest {
         Some((_, stage)) => Ok(Choice { stage, reason }),
-        None => unreachable!("`none` is always measured"),
+        None => unreachable!("there is a side"),
     }
 }

@@ -10,17 +10,31 @@
 //! the smallest cell within the block's extent allows. The partition depends on the ray and the
 //! place alone; skipping only drops blocks of it.
 
-use vacua_simd::BLOCK;
-use vacua_skip::{Axis, BLOCKS_PER_WINDOW, SampleRay, Skipper};
+use vacua_simd::{BLOCK, Float, Mask, Simd};
+use vacua_skip::{Axis, BLOCKS_PER_WINDOW, MAX_SAMPLES, SampleRay, Skipper};
 
 use crate::setup::{TILE_RAYS, TileRays};
 
 /// Highest level of dyadic blocks: its eight samples span a window.
 pub(crate) const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
 
-/// Blocks that each ray of a tile advances before the next one does: 64 samples or some thirty
+/// Blocks that each ray of a tile advances before the next one does: 32 samples or some sixteen
 /// cells, so that what a tile touches in between stays in the first-level cache.
-const CHUNK_BLOCKS: u32 = 8;
+const CHUNK_BLOCKS: u32 = 4;
+
+/// Rays whose blocks are sampled before they are added up, so many that a few empty ones among them
+/// cost little, so few that their values stay in the first-level cache.
+const GROUP_RAYS: usize = 24;
+
+/// The same where blocks vary in length, and are made a window at a time.
+const WINDOW_RAYS: usize = 2;
+
+/// Most pairs of blocks of a group: of each ray those of a chunk, or window, and one that waited.
+const GROUP_PAIRS: usize = {
+    let chunks = GROUP_RAYS * (CHUNK_BLOCKS as usize / 2 + 1);
+    let windows = WINDOW_RAYS * (BLOCKS_PER_WINDOW as usize / 2 + 1);
+    if chunks > windows { chunks } else { windows }
+};
 
 /// Samples that a block of the highest level spans; rays begin at a multiple of it.
 pub(crate) const ALIGNMENT: u64 = (BLOCK as u64) << MAX_LEVEL;
@@ -29,17 +43,43 @@ pub(crate) const ALIGNMENT: u64 = (BLOCK as u64) << MAX_LEVEL;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BlockPair {
     /// First sample of each.
-    pub first: [u32; 2],
-    /// Distance between the samples of each, in samples; 0 for a block that is not there.
-    pub stride: [u32; 2],
+    pub first: [f32; 2],
+    /// Distance between the samples of each, in samples.
+    pub stride: [f32; 2],
 }
 
-/// What is done with the blocks of rays.
-pub(crate) trait Visit {
+/// First sample of a block that is not there: past the end of every ray.
+const NOWHERE: f32 = 2.0 * MAX_SAMPLES as f32;
+
+/// What is done with the blocks of rays, in two steps: values first, of many blocks of many rays
+/// one after the other, without a branch that depends on them, so that they overlap; then what
+/// becomes of those that may be seen.
+pub(crate) trait Visit<S: Simd> {
     /// What is kept of a ray while it is marched.
     type State;
-    /// Evaluates two blocks of a ray of the tile; `false` to end the ray.
-    fn pair(&self, ray: usize, state: &mut Self::State, pair: BlockPair) -> bool;
+    /// Where samples are in their cells.
+    type Place: Copy + Default;
+    /// The values of two blocks of a ray of the tile.
+    fn sample(&self, ray: usize, pair: BlockPair) -> Sampled<S, Self::Place>;
+    /// Adds two blocks to a ray; `false` to end it.
+    fn add(
+        &self,
+        ray: usize,
+        state: &mut Self::State,
+        pair: BlockPair,
+        sampled: &Sampled<S, Self::Place>,
+    ) -> bool;
+}
+
+/// Values of two blocks.
+#[derive(Clone, Copy)]
+pub(crate) struct Sampled<S: Simd, P> {
+    pub value: S::F,
+    /// Which may be seen.
+    pub seen: S::M,
+    /// Which are samples of the ray.
+    pub lanes: S::M,
+    pub place: P,
 }
 
 /// How far apart samples are, depending on the place.
@@ -157,45 +197,75 @@ pub(crate) struct Partition<'a> {
     pub strides: &'a Strides,
 }
 
-/// First sample of a block and the distance between its samples, 0 for no block.
-type Block = (u32, u32);
+/// First sample of a block and the distance between its samples.
+type Block = (f32, f32);
 
-/// Blocks of a ray that are evaluated next: those of a window, and one that waited for its pair.
+/// No block.
+const NO_BLOCK: Block = (NOWHERE, 0.0);
+
+/// Blocks of a ray within a window, where their lengths vary.
 struct BlockList {
-    blocks: [Block; BLOCKS_PER_WINDOW as usize + 1],
+    blocks: [Block; BLOCKS_PER_WINDOW as usize],
     len: usize,
 }
 
-impl BlockList {
+/// Pairs of blocks of the rays of a group, those of each ray in order.
+struct PairList {
+    pairs: [(u8, BlockPair); GROUP_PAIRS],
+    len: usize,
+}
+
+impl PairList {
     #[inline(always)]
-    fn push(&mut self, block: Block) {
-        self.blocks[self.len] = block;
+    fn push(&mut self, ray: usize, a: Block, b: Block) {
+        let pair = BlockPair {
+            first: [a.0, b.0],
+            stride: [a.1, b.1],
+        };
+        self.pairs[self.len] = (ray as u8, pair);
         self.len += 1;
     }
 }
 
 impl Partition<'_> {
-    /// Visits every block that the skipper does not rule out, those of each ray in order.
+    /// Visits every block that the skipper does not rule out, those of each ray in order; gives the
+    /// number of samples of each.
     #[inline(always)]
-    pub fn visit<V: Visit>(
+    pub fn visit<S: Simd, V: Visit<S>>(
         &self,
         skipper: &dyn Skipper,
         visit: &V,
         states: &mut [V::State; TILE_RAYS],
-    ) {
+    ) -> [u32; TILE_RAYS] {
         let mut rays = self.tile.rays;
-        let mut waiting: [Block; TILE_RAYS] = [(0, 0); TILE_RAYS];
+        let mut waiting = [NO_BLOCK; TILE_RAYS];
+        let mut samples = [0; TILE_RAYS];
         let mut set = [0u64; TILE_RAYS];
         let mut list = BlockList {
-            blocks: [(0, 0); BLOCKS_PER_WINDOW as usize + 1],
+            blocks: [NO_BLOCK; BLOCKS_PER_WINDOW as usize],
             len: 0,
         };
+        let nothing = BlockPair {
+            first: [NOWHERE; 2],
+            stride: [0.0; 2],
+        };
+        let mut pairs = PairList {
+            pairs: [(0, nothing); GROUP_PAIRS],
+            len: 0,
+        };
+        let mut maybe_seen = [0u8; GROUP_PAIRS];
+        let mut sampled = [Sampled::<S, V::Place> {
+            value: S::F::splat(0.0),
+            seen: S::M::from_bits(0),
+            lanes: S::M::from_bits(0),
+            place: V::Place::default(),
+        }; GROUP_PAIRS];
         let live = || self.tile.rays.iter().filter(|ray| !ray.is_empty());
         let begin = live().map(SampleRay::first_block).min().unwrap_or(0);
         let end = live().map(SampleRay::end_block).max().unwrap_or(0);
-        let chunk_blocks = match self.strides {
-            Strides::Constant => CHUNK_BLOCKS,
-            Strides::Varying(_) | Strides::Lattice(_) => BLOCKS_PER_WINDOW,
+        let (chunk_blocks, group_rays) = match self.strides {
+            Strides::Constant => (CHUNK_BLOCKS, GROUP_RAYS),
+            Strides::Varying(_) | Strides::Lattice(_) => (BLOCKS_PER_WINDOW, WINDOW_RAYS),
         };
         let mut first_block = begin - begin % BLOCKS_PER_WINDOW;
         loop {
@@ -208,63 +278,56 @@ impl Partition<'_> {
             let mut chunk = 0;
             while chunk < BLOCKS_PER_WINDOW && (last || any >> chunk != 0) {
                 let in_chunk = (u64::MAX >> (64 - chunk_blocks)) << chunk;
-                for i in 0..TILE_RAYS {
-                    let bits = set[i] & in_chunk;
-                    list.len = 0;
-                    if last {
-                        if waiting[i].1 == 0 {
-                            continue;
-                        }
-                        list.push(waiting[i]);
-                        list.push((waiting[i].0, 0));
-                    } else {
-                        if bits == 0 {
-                            continue;
-                        }
-                        if waiting[i].1 != 0 {
-                            list.push(waiting[i]);
-                        }
-                        self.blocks(i, first_block, bits, &mut list);
-                    }
-                    waiting[i] = if list.len % 2 == 1 {
-                        list.blocks[list.len - 1]
-                    } else {
-                        (0, 0)
-                    };
-                    let mut next = 0;
-                    while next + 1 < list.len {
-                        let (a, b) = (list.blocks[next], list.blocks[next + 1]);
-                        next += 2;
-                        let pair = BlockPair {
-                            first: [a.0, b.0],
-                            stride: [a.1, b.1],
-                        };
-                        if !visit.pair(i, &mut states[i], pair) {
-                            (rays[i], set[i], waiting[i]) = (SampleRay::NONE, 0, (0, 0));
-                            break;
+                let mut group = 0;
+                while group < TILE_RAYS {
+                    pairs.len = 0;
+                    for i in group..TILE_RAYS.min(group + group_rays) {
+                        let bits = set[i] & in_chunk;
+                        if last {
+                            if waiting[i].1 > 0.0 {
+                                pairs.push(i, waiting[i], NO_BLOCK);
+                                waiting[i] = NO_BLOCK;
+                            }
+                        } else if bits != 0 {
+                            waiting[i] = match self.strides {
+                                Strides::Constant => {
+                                    pair_up(i, first_block, bits, waiting[i], &mut pairs)
+                                }
+                                Strides::Varying(_) | Strides::Lattice(_) => {
+                                    list.len = 0;
+                                    self.split(i, first_block, MAX_LEVEL, bits, &mut list);
+                                    pair_up_list(i, &list, waiting[i], &mut pairs)
+                                }
+                            };
                         }
                     }
+                    let mut num_seen = 0;
+                    for (n, (i, pair)) in pairs.pairs[..pairs.len].iter().enumerate() {
+                        let i = usize::from(*i) % TILE_RAYS;
+                        sampled[n] = visit.sample(i, *pair);
+                        samples[i] += sampled[n].lanes.to_bits().count_ones();
+                        maybe_seen[num_seen] = n as u8;
+                        num_seen += usize::from(sampled[n].seen.any());
+                    }
+                    for &n in &maybe_seen[..num_seen] {
+                        let n = usize::from(n);
+                        let (i, pair) = pairs.pairs[n];
+                        let i = usize::from(i) % TILE_RAYS;
+                        if rays[i].is_empty() {
+                            continue;
+                        }
+                        if !visit.add(i, &mut states[i], pair, &sampled[n]) {
+                            (rays[i], set[i], waiting[i]) = (SampleRay::NONE, 0, NO_BLOCK);
+                        }
+                    }
+                    group += group_rays;
                 }
                 chunk += chunk_blocks;
             }
             if last {
-                return;
+                return samples;
             }
             first_block += BLOCKS_PER_WINDOW;
-        }
-    }
-
-    /// The blocks of a ray in some places of a window.
-    #[inline(always)]
-    fn blocks(&self, ray: usize, first_block: u32, mut bits: u64, list: &mut BlockList) {
-        if matches!(self.strides, Strides::Constant) {
-            while bits != 0 {
-                let block = first_block + bits.trailing_zeros();
-                bits &= bits - 1;
-                list.push((block * BLOCK as u32, 1));
-            }
-        } else {
-            self.split(ray, first_block, MAX_LEVEL, bits, list);
         }
     }
 
@@ -289,7 +352,8 @@ impl Partition<'_> {
         let rate_sq: f32 = (0..3).map(|a| (rates[a] / sizes[a]).powi(2)).sum();
         let finest_sq: f32 = rates.iter().map(|r| r * r).sum();
         if level == 0 || rate_sq * (span as f32).powi(2) <= finest_sq {
-            list.push((first, span));
+            list.blocks[list.len] = (first as f32, span as f32);
+            list.len += 1;
         } else {
             self.split(ray, block, level - 1, bits, list);
             self.split(ray, block + span / 2, level - 1, bits, list);
@@ -297,9 +361,57 @@ impl Partition<'_> {
     }
 }
 
+/// Pairs the blocks of some places of a window, the first with one that waits; gives the one that
+/// remains alone.
+#[inline(always)]
+fn pair_up(
+    ray: usize,
+    first_block: u32,
+    mut bits: u64,
+    waiting: Block,
+    pairs: &mut PairList,
+) -> Block {
+    let mut pop = || {
+        let block = first_block + bits.trailing_zeros();
+        bits &= bits - 1;
+        (((block * BLOCK as u32) as f32, 1.0), bits != 0)
+    };
+    let mut a = waiting;
+    let mut more = true;
+    if a.1 == 0.0 {
+        (a, more) = pop();
+    }
+    while more {
+        let (b, after) = pop();
+        more = after;
+        pairs.push(ray, a, b);
+        a = NO_BLOCK;
+        if more {
+            (a, more) = pop();
+        }
+    }
+    a
+}
+
+/// As [`pair_up`] for a list of blocks.
+#[inline(always)]
+fn pair_up_list(ray: usize, list: &BlockList, waiting: Block, pairs: &mut PairList) -> Block {
+    let mut a = waiting;
+    for &block in &list.blocks[..list.len] {
+        if a.1 == 0.0 {
+            a = block;
+        } else {
+            pairs.push(ray, a, block);
+            a = NO_BLOCK;
+        }
+    }
+    a
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vacua_simd::Portable;
     use vacua_skip::{Lattice, NoSkip};
 
     #[test]
@@ -341,12 +453,27 @@ mod tests {
     }
 
     struct Collect;
-    impl Visit for Collect {
+    impl Visit<Portable> for Collect {
         type State = Vec<(u32, u32)>;
-        fn pair(&self, _: usize, blocks: &mut Self::State, pair: BlockPair) -> bool {
+        type Place = ();
+        fn sample(&self, _: usize, _: BlockPair) -> Sampled<Portable, ()> {
+            Sampled {
+                value: Float::splat(0.0),
+                seen: Mask::from_bits(1),
+                lanes: Mask::from_bits(1),
+                place: (),
+            }
+        }
+        fn add(
+            &self,
+            _: usize,
+            blocks: &mut Self::State,
+            pair: BlockPair,
+            _: &Sampled<Portable, ()>,
+        ) -> bool {
             for block in 0..2 {
-                if pair.stride[block] > 0 {
-                    blocks.push((pair.first[block], pair.stride[block]));
+                if pair.stride[block] > 0.0 {
+                    blocks.push((pair.first[block] as u32, pair.stride[block] as u32));
                 }
             }
             true
@@ -374,7 +501,8 @@ mod tests {
             strides: &strides,
         };
         let mut states = std::array::from_fn(|_| Vec::new());
-        partition.visit(&NoSkip, &Collect, &mut states);
+        let counts = partition.visit(&NoSkip, &Collect, &mut states);
+        assert!(counts[0] > 0 && counts[1] == 0);
         let [blocks, ..] = states;
         let mut next = 0;
         let mut widest = 0;

@@ -9,14 +9,15 @@ use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua_skip::{Lattice, MAX_SAMPLES};
+use vacua_skip::{ActiveMask, Lattice, MAX_SAMPLES, MeshSkip};
 use vacua_volume::ValueScale;
 
 use crate::accumulate::Accumulator;
 use crate::auto::choose;
 use crate::error::RenderError;
 use crate::frame::Frame;
-use crate::scene::{Integrator, Jitter, RenderSettings, Scene, SkipMethod};
+use crate::overlay;
+use crate::scene::{Integrator, Jitter, Overlay, RenderSettings, Scene, SkipMethod};
 use crate::setup::{RaySetup, TILE};
 use crate::stage::{LookStage, SkipStage, VolumeStage};
 use crate::tiles::{Pass, render_pass};
@@ -91,6 +92,28 @@ struct Stages {
     reason: Option<String>,
 }
 
+impl Stages {
+    /// Draws the boundary of the active macrocells, of the size that was used for skipping, over a
+    /// picture.
+    fn draw_boundary(
+        &mut self,
+        frame: &mut Frame,
+        scene: &Scene,
+        settings: &RenderSettings,
+    ) -> Result<(), RenderError> {
+        let side = self.skip.side;
+        let macrocells = self.volume.macrocells(side)?;
+        let mask = ActiveMask::new(&macrocells, self.look.activity(settings.integrator));
+        let lattice = macrocells.lattice();
+        let boundary = MeshSkip::new(lattice.clone(), mask);
+        let bounds = scene.volume.geometry().bounds();
+        let view = scene.camera.view(bounds, settings.width, settings.height)?;
+        let ray_from_world = self.volume.space.ray_from_world;
+        overlay::draw_boundary(frame, &view, ray_from_world, lattice, &boundary);
+        Ok(())
+    }
+}
+
 /// What was asked for when a [`SkipStage`] was made.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Wanted {
@@ -138,10 +161,13 @@ impl Renderer for CpuRenderer {
                 threads: pool.current_num_threads(),
                 ..Default::default()
             };
-            let ready = prepare(stages.take(), scene, settings, &mut report)?;
+            let mut ready = prepare(stages.take(), scene, settings, &mut report)?;
             let start = Instant::now();
-            let frame = render_frames(&ready, scene, settings)?;
+            let mut frame = render_frames(&ready, scene, settings)?;
             report.frame_secs = start.elapsed().as_secs_f64();
+            if settings.overlay == Overlay::Boundary {
+                ready.draw_boundary(&mut frame, scene, settings)?;
+            }
             *stages = Some(ready);
             Ok(Rendering { frame, report })
         })
@@ -358,7 +384,7 @@ fn render_frames(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vacua_skip::{ActiveMask, GridSkip, Macrocells, PointSource};
+    use vacua_skip::{GridSkip, Macrocells, PointSource};
     use vacua_volume::{
         Association, ColorPoint, ComponentChoice, DataArray, Dataset, Field, FieldChoice, Geometry,
         OpacityPoint, TransferFunction, UniformGrid,

@@ -234,6 +234,15 @@ pub(crate) struct CellPlace {
     local: [DVec3; LANES],
 }
 
+impl Default for CellPlace {
+    fn default() -> Self {
+        Self {
+            cell: [usize::MAX; LANES],
+            local: [DVec3::ZERO; LANES],
+        }
+    }
+}
+
 /// `a + t · (b − a)`, within `[a, b]` for `t` below 1.
 #[inline(always)]
 fn lerp(t: f32, a: f32, b: f32) -> f32 {
@@ -241,7 +250,7 @@ fn lerp(t: f32, a: f32, b: f32) -> f32 {
 }
 
 impl Sampler for CurvilinearSampler<'_> {
-    type Place<S: Simd> = CellPlace;
+    type Place = CellPlace;
 
     #[inline(always)]
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, CellPlace) {
@@ -281,7 +290,7 @@ impl Sampler for CurvilinearSampler<'_> {
     }
 
     #[inline(always)]
-    fn gradient<S: Simd>(&self, place: CellPlace) -> [S::F; 3] {
+    fn gradient<S: Simd>(&self, _: [S::F; 3], place: &CellPlace) -> [S::F; 3] {
         let mut gradients = [[0.0; LANES]; 3];
         for lane in 0..LANES {
             if place.cell[lane] == usize::MAX {

@@ -15,6 +15,7 @@ mod error;
 mod frame;
 mod hexahedron;
 mod march;
+mod overlay;
 mod packed;
 mod point;
 mod sampler;
@@ -30,4 +31,6 @@ pub use cpu::{CpuRenderer, DEFAULT_MACROCELL_SIDE, RenderReport, Renderer, Rende
 pub use error::RenderError;
 pub use frame::Frame;
 pub use point::VolumeSampler;
-pub use scene::{ClipPlane, Integrator, Jitter, RenderSettings, Scene, Shading, SkipMethod};
+pub use scene::{
+    ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Scene, Shading, SkipMethod,
+};

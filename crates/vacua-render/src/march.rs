@@ -8,12 +8,11 @@ use std::marker::PhantomData;
 
 use vacua_simd::math::opacity_of_depth;
 use vacua_simd::{BLOCK, Float, Int, LANES, Mask, Simd, per_axis};
-use vacua_skip::SampleRay;
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
-use crate::blocks::{BlockPair, Visit};
+use crate::blocks::{BlockPair, Sampled, Visit};
 use crate::sampler::Sampler;
-use crate::setup::{TILE_RAYS, TileRays};
+use crate::setup::{LaneRay, TILE_RAYS, TileRays};
 
 /// Number of each lane within its block.
 const IN_BLOCK: [f32; LANES] = [
@@ -39,21 +38,23 @@ impl RayResult {
     };
 }
 
-/// Sixteen sample numbers, and which of them are samples of the ray.
+/// Sixteen sample numbers.
 #[inline(always)]
-fn samples<S: Simd>(ray: &SampleRay, pair: BlockPair) -> (S::F, S::M) {
-    let iota = S::F::from_array(IN_BLOCK);
-    let first = S::F::of_blocks(pair.first[0] as f32, pair.first[1] as f32);
-    let stride = S::F::of_blocks(pair.stride[0] as f32, pair.stride[1] as f32);
-    let k = iota.mul_add(stride, first);
-    let there = S::F::splat(0.0).lt(stride);
-    let begun = S::F::splat(ray.begin as f32).le(k);
-    (k, there & begun & k.lt(S::F::splat(ray.end as f32)))
+fn numbers<S: Simd>(pair: BlockPair) -> S::F {
+    let first = S::F::of_blocks(pair.first[0], pair.first[1]);
+    let stride = S::F::of_blocks(pair.stride[0], pair.stride[1]);
+    S::F::from_array(IN_BLOCK).mul_add(stride, first)
+}
+
+/// Which numbers are those of samples of a ray.
+#[inline(always)]
+fn of_ray<S: Simd>(ray: &LaneRay, k: S::F) -> S::M {
+    S::F::splat(ray.begin).le(k) & k.lt(S::F::splat(ray.end))
 }
 
 /// Positions of samples in ray space.
 #[inline(always)]
-fn positions<S: Simd>(ray: &SampleRay, k: S::F) -> [S::F; 3] {
+fn positions<S: Simd>(ray: &LaneRay, k: S::F) -> [S::F; 3] {
     per_axis!(a => k.mul_add(S::F::splat(ray.step[a]), S::F::splat(ray.start[a])))
 }
 
@@ -64,18 +65,26 @@ struct TablePlace<S: Simd> {
     fraction: S::F,
 }
 
-/// The vector twin of [`TransferTable::coordinate`].
+/// The last bin of a table.
+const LAST_BIN: i32 = TRANSFER_BINS as i32 - 1;
+
+/// The vector twin of [`TransferTable::coordinate`], not yet limited from above.
 #[inline(always)]
-fn table_place<S: Simd>(table: &TransferTable, value: S::F) -> TablePlace<S> {
+fn table_coordinate<S: Simd>(table: &TransferTable, value: S::F) -> S::F {
     let lo = S::F::splat(table.lo());
     let key = match table.scale() {
         ValueScale::Linear => value - lo,
         ValueScale::Log => S::f_from_i(value.max(lo).to_bits() - lo.to_bits()),
     };
-    let coordinate = (key * S::F::splat(table.bins_per_key()))
-        .max(S::F::splat(0.0))
-        .min(S::F::splat(TRANSFER_BINS as f32));
-    let bin = coordinate.to_i().min(S::I::splat(TRANSFER_BINS as i32 - 1));
+    (key * S::F::splat(table.bins_per_key())).max(S::F::splat(0.0))
+}
+
+/// Bins and fractions of values.
+#[inline(always)]
+fn table_place<S: Simd>(table: &TransferTable, value: S::F) -> TablePlace<S> {
+    let end = S::F::splat(TRANSFER_BINS as f32);
+    let coordinate = table_coordinate::<S>(table, value).min(end);
+    let bin = coordinate.to_i().min(S::I::splat(LAST_BIN));
     TablePlace {
         bin,
         fraction: coordinate - S::f_from_i(bin),
@@ -155,7 +164,6 @@ pub(crate) struct Composited<S: Simd> {
     transmittance: f32,
     color: [S::F; 3],
     depth_sample: Option<u32>,
-    samples: u32,
 }
 
 impl<S: Simd> Composited<S> {
@@ -166,12 +174,11 @@ impl<S: Simd> Composited<S> {
             transmittance: 1.0,
             color: [S::F::splat(0.0); 3],
             depth_sample: None,
-            samples: 0,
         }
     }
 
     #[inline(always)]
-    pub fn finish(&self) -> RayResult {
+    pub fn finish(&self, samples: u32) -> RayResult {
         let [r, g, b] = per_axis!(i => {
             let [[a, b, c, d, e, f, g, h], _] = self.color[i].blocks();
             ((a + b) + (c + d)) + ((e + f) + (g + h))
@@ -179,7 +186,7 @@ impl<S: Simd> Composited<S> {
         RayResult {
             rgba: [r, g, b, 1.0 - self.transmittance],
             depth_sample: self.depth_sample,
-            samples: self.samples,
+            samples,
         }
     }
 
@@ -195,28 +202,48 @@ impl<S: Simd> Composited<S> {
     ) {
         let lane = (0..BLOCK).find(|&i| front * (exclusive[i] * clear[i]) <= 0.5);
         let lane = lane.unwrap_or(BLOCK - 1) as u32;
-        self.depth_sample = Some(pair.first[block] + lane * pair.stride[block]);
+        self.depth_sample = Some(pair.first[block] as u32 + lane * pair.stride[block] as u32);
     }
 }
 
-impl<S: Simd, V: Sampler> Visit for Composite<'_, S, V> {
+impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
     type State = Composited<S>;
+    type Place = V::Place;
 
     #[inline(always)]
-    fn pair(&self, i: usize, state: &mut Composited<S>, pair: BlockPair) -> bool {
-        let ray = &self.tile.rays[i];
-        let (k, lanes) = samples::<S>(ray, pair);
+    fn sample(&self, i: usize, pair: BlockPair) -> Sampled<S, V::Place> {
+        let ray = &self.tile.lanes[i];
+        let k = numbers::<S>(pair);
+        let lanes = of_ray::<S>(ray, k);
         let at = positions::<S>(ray, k);
         let (value, valid, place) = self.sampler.sample::<S>(at, lanes);
-        state.samples += lanes.to_bits().count_ones();
-        let table_place = table_place::<S>(self.table, value);
+        let bin = table_coordinate::<S>(self.table, value)
+            .to_i()
+            .min_unsigned(S::I::splat(LAST_BIN));
+        Sampled {
+            value,
+            seen: valid & S::bit_of_1024(self.table.active_bins(), bin),
+            lanes,
+            place,
+        }
+    }
+
+    #[inline(always)]
+    fn add(
+        &self,
+        i: usize,
+        state: &mut Composited<S>,
+        pair: BlockPair,
+        sampled: &Sampled<S, V::Place>,
+    ) -> bool {
+        let table_place = table_place::<S>(self.table, sampled.value);
         let extinction = table_place.lookup(self.table.extinction());
-        let seen = valid & S::F::splat(0.0).lt(extinction);
+        let seen = sampled.seen & S::F::splat(0.0).lt(extinction);
         if !seen.any() {
             return true;
         }
-        let dt = self.tile.dt[i] as f32;
-        let length = S::F::of_blocks(dt * pair.stride[0] as f32, dt * pair.stride[1] as f32);
+        let dt = self.tile.lanes[i].dt;
+        let length = S::F::of_blocks(dt * pair.stride[0], dt * pair.stride[1]);
         let alpha = opacity_of_depth::<S>(extinction * length).or_zero(seen);
         let clear = S::F::splat(1.0) - alpha;
         let (exclusive, [through_a, through_b]) = clear.block_products();
@@ -227,7 +254,9 @@ impl<S: Simd, V: Sampler> Visit for Composite<'_, S, V> {
         let weight = (front * exclusive) * alpha;
         let mut rgb = per_axis!(c => table_place.lookup(self.table.rgb(c)));
         if let Some(lights) = self.lights {
-            let (factor, white) = lights[i].shade::<S>(self.sampler.gradient::<S>(place));
+            let at = positions::<S>(&self.tile.lanes[i], numbers::<S>(pair));
+            let gradient = self.sampler.gradient::<S>(at, &sampled.place);
+            let (factor, white) = lights[i].shade::<S>(gradient);
             rgb = per_axis!(c => rgb[c].mul_add(factor, white));
         }
         for c in 0..3 {
@@ -258,7 +287,6 @@ pub(crate) struct Maximum<'a, S, V> {
 pub(crate) struct Largest<S: Simd> {
     best: S::F,
     best_k: S::F,
-    samples: u32,
 }
 
 impl<S: Simd> Largest<S> {
@@ -266,15 +294,11 @@ impl<S: Simd> Largest<S> {
     #[inline(always)]
     pub fn new(threshold: f32) -> Self {
         let (best, best_k) = (S::F::splat(threshold), S::F::splat(-1.0));
-        Self {
-            best,
-            best_k,
-            samples: 0,
-        }
+        Self { best, best_k }
     }
 
     #[inline(always)]
-    pub fn finish(&self, table: &TransferTable) -> RayResult {
+    pub fn finish(&self, table: &TransferTable, samples: u32) -> RayResult {
         let (best, k) = (self.best.to_array(), self.best_k.to_array());
         let mut found: Option<(f32, f32)> = None;
         for i in (0..LANES).filter(|&i| k[i] >= 0.0) {
@@ -287,29 +311,48 @@ impl<S: Simd> Largest<S> {
             return RayResult {
                 rgba: [0.0; 4],
                 depth_sample: None,
-                samples: self.samples,
+                samples,
             };
         };
         let [r, g, b] = table.evaluate(value).1;
         RayResult {
             rgba: [r, g, b, 1.0],
             depth_sample: Some(k as u32),
-            samples: self.samples,
+            samples,
         }
     }
 }
 
-impl<S: Simd, V: Sampler> Visit for Maximum<'_, S, V> {
+impl<S: Simd, V: Sampler> Visit<S> for Maximum<'_, S, V> {
     type State = Largest<S>;
+    type Place = V::Place;
 
     #[inline(always)]
-    fn pair(&self, i: usize, state: &mut Largest<S>, pair: BlockPair) -> bool {
-        let ray = &self.tile.rays[i];
-        let (k, lanes) = samples::<S>(ray, pair);
-        let (value, valid, _) = self.sampler.sample::<S>(positions::<S>(ray, k), lanes);
-        state.samples += lanes.to_bits().count_ones();
-        let better = valid & state.best.lt(value);
-        state.best = value.select(better, state.best);
+    fn sample(&self, i: usize, pair: BlockPair) -> Sampled<S, V::Place> {
+        let ray = &self.tile.lanes[i];
+        let k = numbers::<S>(pair);
+        let lanes = of_ray::<S>(ray, k);
+        let at = positions::<S>(ray, k);
+        let (value, seen, place) = self.sampler.sample::<S>(at, lanes);
+        Sampled {
+            value,
+            seen,
+            lanes,
+            place,
+        }
+    }
+
+    #[inline(always)]
+    fn add(
+        &self,
+        _: usize,
+        state: &mut Largest<S>,
+        pair: BlockPair,
+        sampled: &Sampled<S, V::Place>,
+    ) -> bool {
+        let k = numbers::<S>(pair);
+        let better = sampled.seen & state.best.lt(sampled.value);
+        state.best = sampled.value.select(better, state.best);
         state.best_k = k.select(better, state.best_k);
         true
     }

@@ -312,7 +312,7 @@ pub(crate) struct PackedSampler<'a> {
 }
 
 impl Sampler for PackedSampler<'_> {
-    type Place<S: Simd> = Located;
+    type Place = Located;
 
     #[inline(always)]
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Located) {
@@ -327,8 +327,8 @@ impl Sampler for PackedSampler<'_> {
     }
 
     #[inline(always)]
-    fn gradient<S: Simd>(&self, place: Located) -> [S::F; 3] {
-        let gradients = self.sampler.gradients(&place);
+    fn gradient<S: Simd>(&self, _: [S::F; 3], place: &Located) -> [S::F; 3] {
+        let gradients = self.sampler.gradients(place);
         let cube = S::F::splat(self.cube);
         per_axis!(a => S::F::from_array(gradients[a]) * cube)
     }

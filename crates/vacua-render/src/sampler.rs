@@ -4,20 +4,20 @@
 //! is constant in a cell. A place whose cell has a corner that is not a finite number, or is
 //! blanked, has no value.
 
-use vacua_simd::{Float, Int, LANES, Mask, Simd, Voxel, WideMap, per_axis};
-use vacua_skip::Axis;
+use vacua_simd::{Float, Int, LANES, Mask, PlainF32, Simd, Voxel, WideMap, per_axis};
+use vacua_skip::{Axis, locate_unit};
 use vacua_volume::{CellMask, DataArray, ScalarType};
 
 /// Anything that has a value at places of ray space.
 pub(crate) trait Sampler: Sync {
-    /// Where in its cell a place is: what [`Sampler::gradient`] needs again.
-    type Place<S: Simd>: Copy;
+    /// In which cells places are, where that is too dear to be found again for the gradient.
+    type Place: Copy + Default;
 
     /// Values at sixteen places, and where there are any. Only lanes of `lanes` count.
-    fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Self::Place<S>);
+    fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Self::Place);
 
-    /// Gradients in ray space.
-    fn gradient<S: Simd>(&self, place: Self::Place<S>) -> [S::F; 3];
+    /// Gradients in ray space, at places whose cells [`Sampler::sample`] gave.
+    fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Self::Place) -> [S::F; 3];
 }
 
 /// Values in their native type. Samplers choose among the types at each fetch of a whole cell: the
@@ -33,6 +33,8 @@ pub(crate) enum Voxels<'a> {
     U64(&'a [u64]),
     I64(&'a [i64]),
     F32(&'a [f32]),
+    /// Plain numbers.
+    PlainF32(&'a [PlainF32]),
     F64(&'a [f64]),
 }
 
@@ -49,14 +51,15 @@ macro_rules! with_voxels {
             Voxels::U64($values) => $body,
             Voxels::I64($values) => $body,
             Voxels::F32($values) => $body,
+            Voxels::PlainF32($values) => $body,
             Voxels::F64($values) => $body,
         }
     };
 }
 
 impl<'a> Voxels<'a> {
-    /// The numbers of an array.
-    pub fn of(array: &'a DataArray) -> Self {
+    /// The numbers of an array, which may be known to be plain.
+    pub fn of(array: &'a DataArray, plain: bool) -> Self {
         let bytes = array.bytes();
         match array.scalar_type() {
             ScalarType::U8 => Self::U8(bytemuck::cast_slice(bytes)),
@@ -67,6 +70,7 @@ impl<'a> Voxels<'a> {
             ScalarType::I32 => Self::I32(bytemuck::cast_slice(bytes)),
             ScalarType::U64 => Self::U64(bytemuck::cast_slice(bytes)),
             ScalarType::I64 => Self::I64(bytemuck::cast_slice(bytes)),
+            ScalarType::F32 if plain => Self::PlainF32(PlainF32::of(bytemuck::cast_slice(bytes))),
             ScalarType::F32 => Self::F32(bytemuck::cast_slice(bytes)),
             ScalarType::F64 => Self::F64(bytemuck::cast_slice(bytes)),
         }
@@ -98,6 +102,11 @@ pub(crate) struct PointSampler<'a> {
     grid: Grid<'a>,
     /// Whether element offsets need more than 31 bits.
     wide: bool,
+    /// The last cell along each axis if cells are of unit size.
+    last_unit_cell: Option<[i32; 3]>,
+    /// Elements from one row, and from one slice, to the next.
+    row: usize,
+    slice: usize,
 }
 
 /// Cell data of a uniform or rectilinear grid.
@@ -111,6 +120,8 @@ pub(crate) struct Grid<'a> {
     pub axes: &'a [Axis; 3],
     /// Values, x fastest.
     pub voxels: Voxels<'a>,
+    /// Whether all values are plain: finite then are those between them.
+    pub plain: bool,
     /// How values become what rendering computes with; `None` for the identity.
     pub map: Option<WideMap>,
     /// Cells that hold nothing to see.
@@ -118,6 +129,19 @@ pub(crate) struct Grid<'a> {
 }
 
 impl Grid<'_> {
+    /// Of some lanes those with a finite value in a cell that is not blanked.
+    #[inline(always)]
+    fn valid<S: Simd>(&self, lanes: S::M, value: S::F, cell: [S::I; 3]) -> S::M {
+        let mut valid = lanes;
+        if !self.plain {
+            valid = valid & value.abs().le(S::F::splat(f32::MAX));
+        }
+        if self.blanked_cells.is_some() {
+            valid = valid & self.seen::<S>(cell);
+        }
+        valid
+    }
+
     /// The lanes whose cell is not blanked.
     #[inline(always)]
     fn seen<S: Simd>(&self, cell: [S::I; 3]) -> S::M {
@@ -133,12 +157,6 @@ impl Grid<'_> {
         }
         S::M::from_bits(bits)
     }
-}
-
-/// Lanes with a finite value.
-#[inline(always)]
-fn finite<S: Simd>(value: S::F) -> S::M {
-    value.abs().le(S::F::splat(f32::MAX))
 }
 
 /// `a + t · (b − a)`, which stays within `[a, b]` for `t` in `[0, 1)`.
@@ -178,14 +196,15 @@ impl<'a> PointSampler<'a> {
         );
         assert!(points[0] * points[1] < 1 << 31, "31-bit offsets in a slice");
         let wide = grid.voxels.len() >= 1 << 31;
-        Self { grid, wide }
-    }
-
-    /// Elements from one row, and from one slice, to the next.
-    #[inline(always)]
-    fn strides(&self) -> (usize, usize) {
-        let nx = self.grid.axes[0].cells() + 1;
-        (nx, nx * (self.grid.axes[1].cells() + 1))
+        let unit = |axis: &Axis| matches!(axis, Axis::Unit { .. });
+        let last_cells = points.map(|n| n as i32 - 2);
+        Self {
+            wide,
+            last_unit_cell: grid.axes.iter().all(unit).then_some(last_cells),
+            row: points[0],
+            slice: points[0] * points[1],
+            grid,
+        }
     }
 
     /// The points (x, y, z) and (x + 1, y, z) of every lane, for many places at once.
@@ -194,7 +213,7 @@ impl<'a> PointSampler<'a> {
     /// Every `x` is a cell index, every `y` and `z` a point index of the grid.
     #[inline(always)]
     unsafe fn rows<S: Simd, const N: usize>(&self, places: &[[S::I; 3]; N]) -> [(S::F, S::F); N] {
-        let (row, slice) = self.strides();
+        let (row, slice) = (self.row, self.slice);
         let map = self.grid.map;
         let mut rows = [(S::F::splat(0.0), S::F::splat(0.0)); N];
         with_voxels!(self.grid.voxels, values => {
@@ -216,22 +235,23 @@ impl<'a> PointSampler<'a> {
     }
 }
 
-/// Cell, fraction, and the four rows of corners (y then z).
-#[derive(Clone, Copy)]
-pub(crate) struct PointPlace<S: Simd> {
+/// Cells, fractions in them, and their four rows of corners (y then z).
+struct Corners<S: Simd> {
     cell: [S::I; 3],
     fraction: [S::F; 3],
     rows: [(S::F, S::F); 4],
 }
 
-impl Sampler for PointSampler<'_> {
-    type Place<S: Simd> = PointPlace<S>;
-
+impl PointSampler<'_> {
+    /// The cells of places, and the values at their corners.
     #[inline(always)]
-    fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, PointPlace<S>) {
-        let [(x, fx), (y, fy), (z, fz)] = per_axis!(a => self.grid.axes[a].locate::<S>(at[a]));
-        let (cell, fraction) = ([x, y, z], [fx, fy, fz]);
-        let (row, slice) = self.strides();
+    fn corners<S: Simd>(&self, at: [S::F; 3]) -> Corners<S> {
+        let [(x, fx), (y, fy), (z, fz)] = match &self.last_unit_cell {
+            Some(last) => per_axis!(a => locate_unit::<S>(at[a], last[a])),
+            None => per_axis!(a => self.grid.axes[a].locate::<S>(at[a])),
+        };
+        let cell = [x, y, z];
+        let (row, slice) = (self.row, self.slice);
         let low = cell[1] * S::I::splat(row as i32) + cell[0];
         let map = self.grid.map;
         let from = [0, row, slice, slice + row];
@@ -253,32 +273,38 @@ impl Sampler for PointSampler<'_> {
                 }
             }
         });
+        Corners {
+            cell,
+            fraction: [fx, fy, fz],
+            rows,
+        }
+    }
+}
+
+impl Sampler for PointSampler<'_> {
+    type Place = ();
+
+    #[inline(always)]
+    fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, ()) {
+        let Corners {
+            cell,
+            fraction: [fx, fy, fz],
+            rows,
+        } = self.corners::<S>(at);
         let front = lerp(fy, mixed(fx, rows[0]), mixed(fx, rows[1]));
         let back = lerp(fy, mixed(fx, rows[2]), mixed(fx, rows[3]));
         let value = lerp(fz, front, back);
-        let mut valid = lanes & finite::<S>(value);
-        if self.grid.blanked_cells.is_some() {
-            valid = valid & self.grid.seen::<S>(cell);
-        }
-        (
-            value,
-            valid,
-            PointPlace {
-                cell,
-                fraction,
-                rows,
-            },
-        )
+        (value, self.grid.valid::<S>(lanes, value, cell), ())
     }
 
     /// Central differences at the points, interpolated like the values; one-sided at the ends.
     #[inline(always)]
-    fn gradient<S: Simd>(&self, place: PointPlace<S>) -> [S::F; 3] {
-        let PointPlace {
+    fn gradient<S: Simd>(&self, at: [S::F; 3], (): &()) -> [S::F; 3] {
+        let Corners {
             cell: [x, y, z],
             fraction: [fx, fy, fz],
             rows,
-        } = place;
+        } = self.corners::<S>(at);
         let one = S::I::splat(1);
         let zero = S::I::splat(0);
         // The points before and after the cell along each axis, and one over the distances that
@@ -395,7 +421,7 @@ impl<'a> CellSampler<'a> {
 }
 
 impl Sampler for CellSampler<'_> {
-    type Place<S: Simd> = ();
+    type Place = ();
 
     #[inline(always)]
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, ()) {
@@ -410,16 +436,12 @@ impl Sampler for CellSampler<'_> {
             // SAFETY: `cell` clamps to the cells, and `new` checked that there is a value for each.
             unsafe { S::voxel(values, offsets, lanes, self.grid.map) }
         });
-        let mut valid = lanes & finite::<S>(value);
-        if self.grid.blanked_cells.is_some() {
-            valid = valid & self.grid.seen::<S>(cell);
-        }
-        (value, valid, ())
+        (value, self.grid.valid::<S>(lanes, value, cell), ())
     }
 
     /// A constant has no gradient.
     #[inline(always)]
-    fn gradient<S: Simd>(&self, (): ()) -> [S::F; 3] {
+    fn gradient<S: Simd>(&self, _: [S::F; 3], (): &()) -> [S::F; 3] {
         [S::F::splat(0.0); 3]
     }
 }

@@ -129,6 +129,16 @@ pub enum Jitter {
     Off,
 }
 
+/// What is drawn over the picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overlay {
+    /// Nothing.
+    #[default]
+    None,
+    /// The boundary of the active macrocells that face the camera.
+    Boundary,
+}
+
 /// How a picture is made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -144,6 +154,8 @@ pub struct RenderSettings {
     pub shading: Shading,
     /// How empty space is skipped.
     pub skip: SkipMethod,
+    /// What is drawn over the picture; depth and counts of samples are those of the volume.
+    pub overlay: Overlay,
     /// Cells a side of a macrocell; chosen by measurement, or 8, if not given.
     pub macrocell_side: Option<usize>,
     /// Rays a pixel: frames that are averaged.
@@ -165,6 +177,7 @@ impl Default for RenderSettings {
             integrator: Integrator::March,
             shading: Shading::None,
             skip: SkipMethod::Auto,
+            overlay: Overlay::None,
             macrocell_side: None,
             samples_per_pixel: 1,
             first_frame: 0,

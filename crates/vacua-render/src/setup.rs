@@ -47,12 +47,39 @@ pub(crate) struct TilePixels {
     pub frame: u32,
 }
 
+/// A ray as vector code takes it, all in `f32`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LaneRay {
+    /// Position of sample 0, and from one sample to the next.
+    pub start: [f32; 3],
+    pub step: [f32; 3],
+    /// First sample, and one past the last.
+    pub begin: f32,
+    pub end: f32,
+    /// World distance between samples.
+    pub dt: f32,
+}
+
+impl LaneRay {
+    fn new(ray: &SampleRay, dt: f64) -> Self {
+        Self {
+            start: ray.start,
+            step: ray.step,
+            begin: ray.begin as f32,
+            end: ray.end as f32,
+            dt: dt as f32,
+        }
+    }
+}
+
 /// The rays of a tile, ready to be marched: row by row, [`TILE`] a row.
 pub(crate) struct TileRays {
     /// Empty where there is no pixel, or no sample lies in what is seen of the volume.
     pub rays: [SampleRay; TILE_RAYS],
+    /// The same as kernels compute with them.
+    pub lanes: [LaneRay; TILE_RAYS],
     /// World distance between samples.
-    pub dt: [f64; TILE_RAYS],
+    dt: [f64; TILE_RAYS],
     /// World distance of sample 0 from the camera.
     t_start: [f64; TILE_RAYS],
     /// Unit directions in world space.
@@ -68,6 +95,7 @@ impl TileRays {
         let mut rays = [SampleRay::NONE; TILE_RAYS];
         rays[0] = ray;
         Self {
+            lanes: rays.map(|ray| LaneRay::new(&ray, 1.0)),
             rays,
             dt: [1.0; TILE_RAYS],
             t_start: [0.0; TILE_RAYS],
@@ -209,6 +237,7 @@ impl RaySetup {
             }
         }
         let mut tile = TileRays {
+            lanes: std::array::from_fn(|i| LaneRay::new(&rays[i], dt[i])),
             rays,
             dt,
             t_start,
@@ -219,6 +248,7 @@ impl RaySetup {
             for i in 0..TILE_RAYS {
                 let origin = DVec3::from_array([0, 1, 2].map(|a| origin_world[a][i]));
                 self.clip_ray(&mut tile, i, origin);
+                tile.lanes[i] = LaneRay::new(&tile.rays[i], tile.dt[i]);
             }
         }
         tile.rays.iter().any(|ray| !ray.is_empty()).then_some(tile)

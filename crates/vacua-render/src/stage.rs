@@ -34,6 +34,8 @@ pub(crate) struct VolumeStage {
     pub strides: Strides,
     /// Range of the finite values; `None` if there are none.
     pub range: Option<ValueRange>,
+    /// Whether nothing computed from the values can be infinite, no number or subnormal.
+    pub plain: bool,
     pub map: ValueMap,
     macrocells: BTreeMap<usize, Arc<Macrocells>>,
     /// Seconds spent on macrocells.
@@ -57,7 +59,8 @@ impl VolumeStage {
                 cells.space.clone()
             }
         };
-        let range = volume.scalars().range(0);
+        let profile = volume.scalars().profile(0);
+        let range = profile.range;
         let map = match (scale, range) {
             (ValueScale::Linear, Some(range)) => {
                 ValueMap::for_range(volume.scalars().scalar_type(), range)
@@ -78,6 +81,7 @@ impl VolumeStage {
             packed,
             strides,
             range,
+            plain: profile.plain,
             map,
             macrocells,
             macrocell_secs: 0.0,
@@ -138,7 +142,7 @@ impl VolumeStage {
     /// The values as samplers of single cells take them.
     pub fn cell_values(&self) -> CellValues<'_> {
         CellValues {
-            voxels: Voxels::of(self.volume.scalars()),
+            voxels: Voxels::of(self.volume.scalars(), self.plain),
             association: self.volume.association(),
             map: self.wide_map(),
             blanked_cells: self.volume.blanked_cells().map(|m| &**m),

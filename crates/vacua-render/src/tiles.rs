@@ -54,7 +54,8 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
     let axes = &volume.space.axes;
     let grid = Grid {
         axes,
-        voxels: Voxels::of(scalars),
+        voxels: Voxels::of(scalars, volume.plain),
+        plain: volume.plain,
         map,
         blanked_cells,
     };
@@ -161,9 +162,9 @@ fn march<S: Simd, V: Sampler>(
                 simd: PhantomData::<S>,
             };
             let mut states = [Composited::<S>::new(); TILE_RAYS];
-            partition.visit(pass.skipper, &visit, &mut states);
+            let samples = partition.visit(pass.skipper, &visit, &mut states);
             for i in 0..TILE_RAYS {
-                results[i] = states[i].finish();
+                results[i] = states[i].finish(samples[i]);
             }
         }
         Integrator::MaximumIntensity => {
@@ -173,9 +174,9 @@ fn march<S: Simd, V: Sampler>(
                 simd: PhantomData::<S>,
             };
             let mut states = [Largest::<S>::new(pass.threshold); TILE_RAYS];
-            partition.visit(pass.skipper, &visit, &mut states);
+            let samples = partition.visit(pass.skipper, &visit, &mut states);
             for i in 0..TILE_RAYS {
-                results[i] = states[i].finish(pass.table);
+                results[i] = states[i].finish(pass.table, samples[i]);
             }
         }
     }

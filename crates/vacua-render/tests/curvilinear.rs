@@ -22,7 +22,9 @@ fn scene(geometry: Geometry, unit: f64, field: impl Fn(DVec3) -> f64) -> Scene {
                 let index = [i % nx, i / nx % ny, i / nx / ny].map(|c| c as f64);
                 field(grid.world_from_index().transform_point3(index.into()))
             }
-            Geometry::Rectilinear(_) => unreachable!("not in these tests"),
+            Geometry::Rectilinear(_) | Geometry::Unstructured(_) => {
+                unreachable!("not in these tests")
+            }
         })
         .collect();
     let array = DataArray::from_vec(values, 1).expect("one component");

@@ -219,7 +219,7 @@ fn scene(case: &Case) -> Scene {
         }
     };
     let mut mask = CellMask::new(mesh.num_cells());
-    for cell in (0..mask.len()).filter(|&c| case.holes && hash(c, 7) % 5 == 0) {
+    for cell in (0..mask.len()).filter(|&c| case.holes && hash(c, 7).is_multiple_of(5)) {
         mask.blank(cell);
     }
     let bounds = mesh.bounds().expect("points");

@@ -86,6 +86,7 @@ fn positions(geometry: &Geometry) -> Vec<DVec3> {
                     DVec3::from([0, 1, 2].map(|a| grid.coordinates(a)[index[a]]))
                 }
                 Geometry::Curvilinear(grid) => grid.position(i),
+                Geometry::Unstructured(mesh) => mesh.position(i),
             }
         })
         .collect()

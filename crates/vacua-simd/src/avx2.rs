@@ -561,6 +561,14 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
+    fn bit_of_1024(bits: &[u32; 32], index: I) -> M {
+        let word = index.shr(I::splat(5)).and(I::splat(31));
+        // SAFETY: limited to the words.
+        let word = unsafe { Self::gather_u32(bits, word) };
+        let bit = word.shr(index.and(I::splat(31))).and(I::splat(1));
+        I::splat(0).lt(bit)
+    }
+    #[inline(always)]
     unsafe fn voxel_pair<T: Voxel>(
         voxels: &[T],
         from: usize,
@@ -577,11 +585,14 @@ impl Simd for Avx2 {
         offsets: I,
         map: Option<WideMap>,
     ) -> (F, F) {
-        if T::KIND == VoxelKind::F32 && map.is_none() {
+        if matches!(T::KIND, VoxelKind::F32 | VoxelKind::PlainF32) && map.is_none() {
             let base = voxels.as_ptr().wrapping_add(from).cast::<f32>();
-            // SAFETY: `T` is `f32`, and the caller keeps both voxels of every lane in the slice.
+            // SAFETY: `T` is an `f32`, and the caller keeps both voxels of every lane in the slice.
             let (a, b) = unsafe { float_pairs(base, offsets) };
-            return (a.flushed(), b.flushed());
+            return match T::KIND {
+                VoxelKind::F32 => (a.flushed(), b.flushed()),
+                _ => (a, b),
+            };
         }
         // SAFETY: the caller's promise is that of `pairs`.
         unsafe { pairs(voxels, from, &widen(offsets), map) }

@@ -193,7 +193,8 @@ impl Float for F {
     }
     #[inline(always)]
     fn of_blocks(first: f32, second: f32) -> Self {
-        simd!(join(_mm256_set1_ps(first), _mm256_set1_ps(second)))
+        let (first, second) = (Self::splat(first), Self::splat(second));
+        second.select(M(0xff00), first)
     }
     #[inline(always)]
     fn lowest(self) -> f32 {
@@ -427,6 +428,7 @@ fn from_32<T: Voxel>(raw: __m512i, map: Option<WideMap>) -> F {
                 let normal = _mm512_test_epi32_mask(raw, _mm512_set1_epi32(0x7f80_0000));
                 F(_mm512_maskz_mov_ps(normal, _mm512_castsi512_ps(raw)))
             }
+            (VoxelKind::PlainF32, None) => F(_mm512_castsi512_ps(raw)),
             (VoxelKind::U32, None) => F(_mm512_cvtepu32_ps(raw)),
             (VoxelKind::I32, None) => F(_mm512_cvtepi32_ps(raw)),
             (VoxelKind::U32, _) => {
@@ -484,10 +486,18 @@ unsafe fn pairs<T: Voxel, O: Offsets>(
 ) -> (F, F) {
     let base = voxels.as_ptr().wrapping_add(from).cast::<u8>();
     // SAFETY: the caller keeps voxels `from + o` and `from + o + 1` within the slice. Elements
-    // gathered are exactly those two voxels, but for 8-bit types: there they are four voxels,
-    // moved down so that they end with the slice at the latest (which has at least four).
+    // gathered are exactly those two voxels, but for 8-bit types: there they are four voxels, the
+    // two before as well where there are such for all offsets, else moved down so that they end
+    // with the slice at the latest (which has at least four).
     unsafe {
         match T::KIND {
+            VoxelKind::U8 | VoxelKind::I8 if from >= 2 => {
+                let raw = offsets.gather_32::<1>(base.wrapping_sub(2));
+                (
+                    from_small::<T>(_mm512_srli_epi32::<16>(raw)),
+                    from_small::<T>(_mm512_srli_epi32::<24>(raw)),
+                )
+            }
             VoxelKind::U8 | VoxelKind::I8 => {
                 let (limited, shift) = offsets.limit(voxels.len().wrapping_sub(4 + from));
                 let raw = _mm512_srlv_epi32(limited.gather_32::<1>(base), shift);
@@ -503,7 +513,7 @@ unsafe fn pairs<T: Voxel, O: Offsets>(
                     from_small::<T>(_mm512_srli_epi32::<16>(raw)),
                 )
             }
-            VoxelKind::U32 | VoxelKind::I32 | VoxelKind::F32 => {
+            VoxelKind::U32 | VoxelKind::I32 | VoxelKind::F32 | VoxelKind::PlainF32 => {
                 let (a, b) = unzip_32(offsets.gather_64::<4>(base));
                 (from_32::<T>(a, map), from_32::<T>(b, map))
             }
@@ -606,6 +616,17 @@ impl Simd for Avx512 {
             let by = _mm512_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0, 4, 4, 4, 4, 4, 4, 4, 4);
             let shifted = _mm512_srlv_epi32(_mm512_cvtepu8_epi32(bytes), by);
             I(_mm512_and_si512(shifted, _mm512_set1_epi32(15)))
+        }
+    }
+    #[inline(always)]
+    fn bit_of_1024(bits: &[u32; 32], index: I) -> M {
+        simd! {
+            let low = _mm512_loadu_si512(bits.as_ptr().cast());
+            let high = _mm512_loadu_si512(bits.as_ptr().add(LANES).cast());
+            // Both look at the lower five bits of their index alone.
+            let word = _mm512_permutex2var_epi32(low, _mm512_srli_epi32::<5>(index.0), high);
+            let bit = _mm512_rolv_epi32(_mm512_set1_epi32(1), index.0);
+            M(_mm512_test_epi32_mask(word, bit))
         }
     }
     #[inline(always)]

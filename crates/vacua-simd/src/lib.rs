@@ -102,6 +102,8 @@ pub trait Simd: Copy + Debug + 'static {
     /// The lower halves of eight bytes in the lanes of the first block, their upper halves in those of
     /// the second.
     fn nibbles(bytes: [u8; BLOCK]) -> Self::I;
+    /// Bit `i` of 1024 a lane: `bits[i / 32] >> i % 32 & 1`, with `i` modulo 1024.
+    fn bit_of_1024(bits: &[u32; 32], index: Self::I) -> Self::M;
 
     /// Voxels `base[o]` and `base[o + 1]` a lane, as `f32`; `base` is `voxels` from element `from`.
     ///
@@ -174,6 +176,8 @@ pub enum VoxelKind {
     I64,
     /// `f32`
     F32,
+    /// [`PlainF32`]
+    PlainF32,
     /// `f64`
     F64,
 }
@@ -216,6 +220,32 @@ macro_rules! impl_voxel {
 impl_voxel!(u8 => U8, i8 => I8, u16 => U16, i16 => I16, u32 => U32, i32 => I32, u64 => U64,
     i64 => I64, f32 => F32, f64 => F64);
 
+/// An `f32` that is no subnormal: such need not be looked for when it is fetched.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct PlainF32(f32);
+
+impl PlainF32 {
+    /// Numbers that the caller knows to be plain; of subnormal ones nothing worse comes than that
+    /// they count for what they are.
+    pub fn of(values: &[f32]) -> &[Self] {
+        // SAFETY: the same layout, by `repr(transparent)`.
+        unsafe { std::slice::from_raw_parts(values.as_ptr().cast(), values.len()) }
+    }
+}
+
+impl Voxel for PlainF32 {
+    const KIND: VoxelKind = VoxelKind::PlainF32;
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self.0.into()
+    }
+    #[inline(always)]
+    fn narrow(self) -> f32 {
+        self.0
+    }
+}
+
 /// Sixteen `f32`.
 pub trait Float:
     Copy + Debug + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
@@ -247,7 +277,8 @@ pub trait Float:
     fn sqrt(self) -> Self;
     /// Quotient, correctly rounded.
     fn div(self, b: Self) -> Self;
-    /// Truncates to integers; lanes must be within `i32`.
+    /// Truncates to integers; lanes that are no `i32` give one that as unsigned exceeds 2³¹ − 2,
+    /// NaN any.
     fn to_i(self) -> Self::I;
     /// Reinterprets the bits.
     fn to_bits(self) -> Self::I;

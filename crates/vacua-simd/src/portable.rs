@@ -353,6 +353,10 @@ impl Simd for Portable {
         }))
     }
     #[inline(never)]
+    fn bit_of_1024(bits: &[u32; 32], index: I) -> M {
+        mask(|i| bits[index.0[i] as usize >> 5 & 31] >> (index.0[i] & 31) & 1 == 1)
+    }
+    #[inline(never)]
     unsafe fn voxel_pair<T: Voxel>(
         voxels: &[T],
         from: usize,

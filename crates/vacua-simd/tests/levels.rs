@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use vacua_simd::{
-    Float, Int, Kernel, LANES, Level, Mask, Portable, Simd, Voxel, WideMap, dispatch_at,
+    Float, Int, Kernel, LANES, Level, Mask, PlainF32, Portable, Simd, Voxel, WideMap, dispatch_at,
 };
 
 /// Every operation on the same operands, results as bits.
@@ -20,6 +20,8 @@ impl Kernel for Operations {
     fn run<S: Simd>(self) -> Vec<u32> {
         let [a, b, c] = [self.a, self.b, self.c].map(S::F::from_array);
         let [i, j] = [self.i, self.j].map(S::I::from_array);
+        let bits = std::array::from_fn(|k| self.i[k % LANES].rotate_left(k as u32) as u32);
+        let in_bits = S::bit_of_1024(&bits, j);
         let m = a.lt(b);
         let n = b.le(c) & !m | i.lt(j) & i.eq(i.min(j));
         let (products, ends) = a.block_products();
@@ -65,6 +67,7 @@ impl Kernel for Operations {
             .collect();
         out.extend(ints.iter().flat_map(|i| i.to_array()).map(|v| v as u32));
         out.extend([u32::from(m.to_bits()), u32::from(n.to_bits())]);
+        out.push(u32::from(in_bits.to_bits()));
         out.extend(ends.map(f32::to_bits));
         let finite = a.abs().le(S::F::splat(f32::MAX));
         // Adding 0 makes one zero of two.
@@ -167,7 +170,8 @@ proptest! {
         }
         check!(u8 => |s| s as u8, i8 => |s| s as i8, u16 => |s| s as u16, i16 => |s| s as i16,
             u32 => |s| s as u32, i32 => |s| s as i32, u64 => |s| s, i64 => |s| s as i64,
-            f32 => |s| s as u32 as f32 * 0.37 - 1e6, f64 => |s| s as f64 * 0.37 - 1e9);
+            f32 => |s| s as u32 as f32 * 0.37 - 1e6,
+            PlainF32 => |s| PlainF32::of(&[s as u32 as f32 * 0.37 - 1e6])[0], f64 => |s| s as f64 * 0.37 - 1e9);
     }
 }
 

@@ -30,11 +30,15 @@ pub(crate) struct Line {
 impl Line {
     /// The line of a ray.
     pub fn new(ray: &SampleRay) -> Self {
-        let step = ray.step.map(f64::from);
+        Self::through(ray.start.map(f64::from), ray.step.map(f64::from))
+    }
+
+    /// The line through a point in a direction.
+    pub fn through(start: [f64; 3], step: [f64; 3]) -> Self {
         // A huge number instead of infinity: 0 · ∞ is no number, 0 · 10³⁰⁰ is where one stands.
         let inverse = step.map(|s| if s == 0.0 { 1e300 } else { 1.0 / s });
         Self {
-            start: ray.start.map(f64::from),
+            start,
             step,
             inverse,
         }

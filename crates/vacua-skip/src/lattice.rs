@@ -38,6 +38,16 @@ pub enum Axis {
     Planes(Planes),
 }
 
+/// [`Axis::locate`] for cells of unit size, given the last of them.
+#[inline(always)]
+pub fn locate_unit<S: Simd>(coordinate: S::F, last_cell: i32) -> (S::I, S::F) {
+    let inside = coordinate.max(S::F::splat(0.0));
+    // What is too large for an integer is large as unsigned one.
+    let cell = inside.to_i().min_unsigned(S::I::splat(last_cell));
+    let fraction = (inside - S::f_from_i(cell)).min(S::F::splat(BELOW_ONE));
+    (cell, fraction)
+}
+
 /// Increasing plane coordinates with a table that starts the search near its end.
 #[derive(Clone, Debug)]
 pub struct Planes {
@@ -108,20 +118,15 @@ impl Axis {
     /// the way through it, in `[0, 1)`.
     #[inline(always)]
     pub fn locate<S: Simd>(&self, coordinate: S::F) -> (S::I, S::F) {
-        let zero = S::F::splat(0.0);
         match self {
-            Self::Unit { cells } => {
-                let last = S::F::splat((*cells - 1) as f32);
-                let cell = coordinate.floor().max(zero).min(last);
-                let fraction = (coordinate - cell).max(zero).min(S::F::splat(BELOW_ONE));
-                (cell.to_i(), fraction)
-            }
+            Self::Unit { cells } => locate_unit::<S>(coordinate, *cells as i32 - 1),
             Self::Planes(axis) => {
                 let cell = axis.search::<S>(coordinate);
                 // SAFETY: `search` gives cells below `planes.len() − 1`.
                 let (lo, hi) = unsafe { S::gather_pair(&axis.planes, cell) };
                 let fraction = (coordinate - lo).div(hi - lo);
-                (cell, fraction.max(zero).min(S::F::splat(BELOW_ONE)))
+                let fraction = fraction.max(S::F::splat(0.0)).min(S::F::splat(BELOW_ONE));
+                (cell, fraction)
             }
         }
     }

@@ -23,12 +23,13 @@ mod mask;
 mod mesh;
 mod near;
 mod ray;
+mod rectangles;
 
 pub use boundary::{BoundaryMesh, Quad, boundary_triangle_bound};
 pub use boxes::{BoxSkip, cluster_boxes};
 pub use grid::GridSkip;
-pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS};
+pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS, locate_unit};
 pub use macrocells::{Macrocells, PointSource};
 pub use mask::{ActiveMask, Activity};
-pub use mesh::MeshSkip;
+pub use mesh::{BoundaryHit, MeshSkip};
 pub use ray::{BLOCKS_PER_WINDOW, MAX_SAMPLES, NoSkip, SampleRanges, SampleRay, Skipper};

@@ -4,17 +4,19 @@
 //! The paper toggles between inside and outside at every hit. Here a hit only says at which sample
 //! the state *may* change; what it is from there on is read from the mask, at that very sample.
 //! From a sample in an active macrocell the next back face is sought, else the next front face:
-//! between two samples of different state the line crosses such a face. Faces are tested as
-//! axis-aligned quads, `t = (plane − origin) · inverse`, in `f64`, a little wider than they are, so
-//! that none is missed along edges; one hit too many costs a look at the mask.
+//! between two samples of different state the line crosses such a face. Faces are merged into
+//! axis-aligned rectangles and tested as such, `t = (plane − origin) · inverse`, in `f64`, a little
+//! wider than they are, so that none is missed along edges; one hit too many costs a look at the
+//! mask.
 
 use vacua_simd::BLOCK;
 
-use crate::boundary::{BoundaryMesh, Quad};
+use crate::boundary::BoundaryMesh;
 use crate::bvh::{Hierarchy, Line, slack};
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
 use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
+use crate::rectangles::{Rectangle, merged};
 
 /// The triangulated boundary of the active macrocells.
 #[derive(Clone)]
@@ -26,7 +28,7 @@ pub struct MeshSkip {
     hierarchy: Hierarchy,
 }
 
-/// A quad in ray space.
+/// A rectangle of the boundary in ray space.
 #[derive(Clone, Copy)]
 struct Face {
     axis: u8,
@@ -39,16 +41,20 @@ struct Face {
 }
 
 impl Face {
-    fn new(lattice: &Lattice, quad: &Quad) -> Self {
-        let axis = usize::from(quad.axis);
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let [i, j] = quad.at.map(|i| i as usize);
+    fn new(lattice: &Lattice, rectangle: &Rectangle) -> Self {
+        let axis = usize::from(rectangle.axis);
+        let corner = |[i, j]: [u32; 2]| {
+            [
+                lattice.plane((axis + 1) % 3, i as usize),
+                lattice.plane((axis + 2) % 3, j as usize),
+            ]
+        };
         Self {
-            axis: quad.axis,
-            faces_up: quad.faces_up,
-            plane: lattice.plane(axis, quad.plane as usize),
-            lo: [lattice.plane(u, i), lattice.plane(v, j)],
-            hi: [lattice.plane(u, i + 1), lattice.plane(v, j + 1)],
+            axis: rectangle.axis,
+            faces_up: rectangle.faces_up,
+            plane: lattice.plane(axis, rectangle.plane as usize),
+            lo: corner(rectangle.lo),
+            hi: corner(rectangle.hi),
         }
     }
 
@@ -61,6 +67,15 @@ impl Face {
         };
         [corner(self.lo), corner(self.hi)]
     }
+}
+
+/// Where a line meets the boundary.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundaryHit {
+    /// The axis that the face is perpendicular to.
+    pub axis: usize,
+    /// The point, in ray space.
+    pub position: [f64; 3],
 }
 
 impl MeshSkip {
@@ -82,10 +97,9 @@ impl MeshSkip {
         let counts = lattice.counts();
         assert_eq!(counts, mask.counts(), "mask and lattice belong together");
         assert_eq!(counts, mesh.counts(), "mesh and lattice belong together");
-        let faces: Vec<Face> = mesh
-            .quads()
+        let faces: Vec<Face> = merged(&mesh)
             .iter()
-            .map(|q| Face::new(&lattice, q))
+            .map(|r| Face::new(&lattice, r))
             .collect();
         let boxes: Vec<[[f32; 3]; 2]> = faces.iter().map(Face::corners).collect();
         let hierarchy = Hierarchy::new(&boxes);
@@ -101,6 +115,34 @@ impl MeshSkip {
     /// The boundary.
     pub fn boundary(&self) -> &BoundaryMesh {
         &self.mesh
+    }
+
+    /// The first face that a half-line meets, from `start` in a `direction` in ray space.
+    pub fn first_hit(&self, start: [f64; 3], direction: [f64; 3]) -> Option<BoundaryHit> {
+        let line = Line::through(start, direction);
+        let (mut nearest, mut hit) = (f64::INFINITY, None);
+        self.hierarchy.nearest(&line, (0.0, f64::INFINITY), |i| {
+            let face = &self.faces[i];
+            let axis = usize::from(face.axis);
+            if direction[axis] == 0.0 {
+                return None;
+            }
+            let t = (f64::from(face.plane) - start[axis]) * line.inverse[axis];
+            let mut position = [0, 1, 2].map(|a| start[a] + t * direction[a]);
+            position[axis] = face.plane.into();
+            let within = |side: usize| {
+                let at = position[(axis + 1 + side) % 3];
+                f64::from(face.lo[side]) <= at && at <= f64::from(face.hi[side])
+            };
+            if t < 0.0 || !within(0) || !within(1) {
+                return None;
+            }
+            if t < nearest {
+                (nearest, hit) = (t, Some(BoundaryHit { axis, position }));
+            }
+            Some(t)
+        });
+        hit
     }
 
     /// Whether the macrocell of a sample is active.

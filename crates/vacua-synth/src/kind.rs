@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::DVec3;
 use vacua_volume::{
     ArrayError, Association, DataArray, Dataset, DatasetError, Field, Geometry, GridError,
-    ScalarType, TransferFunction, TransferFunctionError, UniformGrid,
+    MeshError, ScalarType, TransferFunction, TransferFunctionError, UniformGrid,
 };
 
 use crate::bench_scene::BenchScene;
@@ -79,6 +79,9 @@ pub enum SynthError {
     /// The values make no array.
     #[error(transparent)]
     Array(#[from] ArrayError),
+    /// The cells make no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
     /// Geometry and values do not fit together.
     #[error(transparent)]
     Dataset(#[from] DatasetError),

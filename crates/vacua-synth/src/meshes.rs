@@ -24,7 +24,7 @@ pub struct RawMesh<const N: usize> {
 }
 
 /// The six tetrahedra of a hexahedron, all around the diagonal from corner 0 to corner 6.
-const TETRAHEDRA: [[usize; 4]; 6] = [
+pub(crate) const TETRAHEDRA: [[usize; 4]; 6] = [
     [0, 1, 2, 6],
     [0, 2, 3, 6],
     [0, 3, 7, 6],
@@ -108,7 +108,7 @@ fn jittered(n: usize, seed: u32) -> Result<Vec<[f32; 3]>, SynthError> {
 }
 
 /// A bump and a wave, in `f32` as NumPy evaluates them.
-fn smooth(vertices: &[[f32; 3]], n: usize) -> Vec<f32> {
+pub(crate) fn smooth(vertices: &[[f32; 3]], n: usize) -> Vec<f32> {
     let n = n as f32;
     vertices
         .par_iter()

@@ -249,6 +249,14 @@ impl DataArray {
     /// # Panics
     /// If the component is out of range.
     pub fn range(&self, component: usize) -> Option<ValueRange> {
+        self.profile(component).range
+    }
+
+    /// What one pass over one component tells, in parallel.
+    ///
+    /// # Panics
+    /// If the component is out of range.
+    pub fn profile(&self, component: usize) -> ValueProfile {
         use rayon::prelude::*;
         assert!(
             component < self.components,
@@ -259,30 +267,65 @@ impl DataArray {
         dispatch_scalar!(self.scalar_type, T => {
             bytemuck::cast_slice::<u8, T>(self.bytes())
                 .par_chunks(CHUNK_TUPLES * self.components)
-                .map(|chunk| chunk_range(chunk, component, self.components))
-                .reduce(|| None, |a, b| match (a, b) {
-                    (Some(a), Some(b)) => Some(a.union(b)),
-                    (a, b) => a.or(b),
+                .map(|chunk| match self.components {
+                    1 => ValueProfile::of(chunk.iter().copied()),
+                    n => ValueProfile::of(chunk.iter().copied().skip(component).step_by(n)),
                 })
+                .reduce(|| ValueProfile::EMPTY, ValueProfile::union)
         })
     }
 }
 
-/// Range of the finite values in one chunk of interleaved tuples.
-fn chunk_range<T: Scalar>(chunk: &[T], component: usize, components: usize) -> Option<ValueRange> {
-    let mut bounds: Option<(T, T)> = None;
-    for &v in chunk.iter().skip(component).step_by(components) {
-        if v.to_f64().is_finite() {
-            bounds = Some(match bounds {
-                None => (v, v),
-                Some((lo, hi)) => (if v < lo { v } else { lo }, if v > hi { v } else { hi }),
-            });
+/// What is known of the numbers of an array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ValueProfile {
+    /// Range of the finite ones; `None` if there are none.
+    pub range: Option<ValueRange>,
+    /// Whether all are [plain](Scalar::is_plain): nothing that is computed from them needs to be
+    /// looked at for infinities, NaN and subnormal numbers.
+    pub plain: bool,
+}
+
+impl ValueProfile {
+    /// Of no numbers.
+    const EMPTY: Self = Self {
+        range: None,
+        plain: true,
+    };
+
+    fn of<T: Scalar>(values: impl Iterator<Item = T> + Clone) -> Self {
+        let Some(first) = values.clone().find(|v| v.is_finite()) else {
+            let plain = values.clone().next().is_none();
+            return Self { plain, range: None };
+        };
+        let (mut lo, mut hi, mut plain) = (first, first, true);
+        // Without branches, so that it becomes vector code.
+        for v in values {
+            let finite = v.is_finite();
+            lo = if finite & (v < lo) { v } else { lo };
+            hi = if finite & (v > hi) { v } else { hi };
+            plain &= v.is_plain();
+        }
+        let range = ValueRange {
+            lo: lo.to_f64(),
+            hi: hi.to_f64(),
+        };
+        Self {
+            range: Some(range),
+            plain,
         }
     }
-    bounds.map(|(lo, hi)| ValueRange {
-        lo: lo.to_f64(),
-        hi: hi.to_f64(),
-    })
+
+    fn union(self, other: Self) -> Self {
+        let range = match (self.range, other.range) {
+            (Some(a), Some(b)) => Some(a.union(b)),
+            (a, b) => a.or(b),
+        };
+        Self {
+            range,
+            plain: self.plain && other.plain,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -296,6 +339,12 @@ mod tests {
         assert_eq!(a.tuples(), 3);
         assert_eq!(a.range(0), Some(ValueRange { lo: -3.0, hi: 1.0 }));
         assert_eq!(a.range(1), Some(ValueRange { lo: 10.0, hi: 20.0 }));
+        assert!(!a.profile(0).plain && !a.profile(1).plain);
+        let plain = |v: [f32; 2]| DataArray::from_vec(v.to_vec(), 1).map(|a| a.profile(0).plain);
+        assert_eq!(plain([0.0, -7.5]).ok(), Some(true));
+        for odd in [1e-39, 2e38, f32::NAN, f32::NEG_INFINITY] {
+            assert_eq!(plain([1.0, odd]).ok(), Some(false), "{odd}");
+        }
         assert_eq!(a.component(1).as_slice::<f32>().map(|s| s[1]), Some(20.0));
         assert!(a.as_slice::<u8>().is_none());
         assert!((a.magnitude().get_f64(0, 0) - 101f64.sqrt()).abs() < 1e-6);

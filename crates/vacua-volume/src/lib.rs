@@ -19,7 +19,7 @@ mod scalar;
 mod style;
 mod transfer;
 
-pub use array::{ArrayError, ByteStore, DataArray};
+pub use array::{ArrayError, ByteStore, DataArray, ValueProfile};
 pub use color_space::{ColorSpace, srgb_from_linear};
 pub use dataset::{CellMask, ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
 pub use field::{Association, Field, FieldError, LoadError};

@@ -114,10 +114,18 @@ pub trait Scalar: bytemuck::Pod + PartialOrd + Send + Sync + sealed::Sealed + fm
     fn to_f64(self) -> f64;
     /// The `f64` nearest to a value of this type: rounded for integers, saturating at the ends.
     fn from_f64(value: f64) -> Self;
+    /// Whether the value is finite.
+    fn is_finite(self) -> bool;
+    /// Whether the value is 0 or of a size that differences of two are finite and far from
+    /// subnormal; always, for integers.
+    fn is_plain(self) -> bool;
 }
 
+/// Largest size of plain floating-point numbers; smallest is one over it.
+const PLAIN: f32 = 1e37;
+
 macro_rules! impl_scalar {
-    ($($t:ty => $tag:ident, $from:expr;)*) => {$(
+    ($($t:ty => $tag:ident, $from:expr, $finite:expr, $plain:expr;)*) => {$(
         impl sealed::Sealed for $t {}
         impl Scalar for $t {
             const TYPE: ScalarType = ScalarType::$tag;
@@ -125,20 +133,26 @@ macro_rules! impl_scalar {
             fn to_f64(self) -> f64 { self as f64 }
             #[inline(always)]
             fn from_f64(value: f64) -> Self { let f: fn(f64) -> $t = $from; f(value) }
+            #[inline(always)]
+            fn is_finite(self) -> bool { let f: fn($t) -> bool = $finite; f(self) }
+            #[inline(always)]
+            fn is_plain(self) -> bool { let f: fn($t) -> bool = $plain; f(self) }
         }
     )*};
 }
 impl_scalar! {
-    u8 => U8, |v| v.round() as u8;
-    i8 => I8, |v| v.round() as i8;
-    u16 => U16, |v| v.round() as u16;
-    i16 => I16, |v| v.round() as i16;
-    u32 => U32, |v| v.round() as u32;
-    i32 => I32, |v| v.round() as i32;
-    u64 => U64, |v| v.round() as u64;
-    i64 => I64, |v| v.round() as i64;
-    f32 => F32, |v| v as f32;
-    f64 => F64, |v| v;
+    u8 => U8, |v| v.round() as u8, |_| true, |_| true;
+    i8 => I8, |v| v.round() as i8, |_| true, |_| true;
+    u16 => U16, |v| v.round() as u16, |_| true, |_| true;
+    i16 => I16, |v| v.round() as i16, |_| true, |_| true;
+    u32 => U32, |v| v.round() as u32, |_| true, |_| true;
+    i32 => I32, |v| v.round() as i32, |_| true, |_| true;
+    u64 => U64, |v| v.round() as u64, |_| true, |_| true;
+    i64 => I64, |v| v.round() as i64, |_| true, |_| true;
+    f32 => F32, |v| v as f32, f32::is_finite,
+        |v| v == 0.0 || (1.0 / PLAIN..=PLAIN).contains(&v.abs());
+    f64 => F64, |v| v, f64::is_finite,
+        |v| v == 0.0 || (f64::from(1.0 / PLAIN)..=f64::from(PLAIN)).contains(&v.abs());
 }
 
 /// Runs an expression with `$T` bound to the Rust type of a [`ScalarType`].

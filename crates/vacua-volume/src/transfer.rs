@@ -296,6 +296,8 @@ pub struct TransferTable {
     rgb: [Vec<f32>; 3],
     /// For each bin, the first bin at or after it with any extinction; one more entry than bins.
     next_active: Vec<u32>,
+    /// A bit for each bin, set if it has any extinction.
+    active_bins: [u32; TRANSFER_BINS / 32],
 }
 
 impl TransferTable {
@@ -338,14 +340,18 @@ impl TransferTable {
         let extinction: Vec<f32> = (0..=TRANSFER_BINS)
             .map(|e| function.extinction_at(value_at(e)) as f32)
             .collect();
-        let rgb = [0, 1, 2].map(|c| {
-            (0..=TRANSFER_BINS)
-                .map(|e| linear_from_srgb(function.srgb_at(value_at(e))[c]) as f32)
-                .collect()
-        });
+        let mut rgb = [const { Vec::new() }; 3];
+        for e in 0..=TRANSFER_BINS {
+            let srgb = function.srgb_at(value_at(e));
+            for (column, encoded) in rgb.iter_mut().zip(srgb) {
+                column.push(linear_from_srgb(encoded) as f32);
+            }
+        }
+        let mut active_bins = [0; TRANSFER_BINS / 32];
         let mut next_active = vec![TRANSFER_BINS as u32; TRANSFER_BINS + 1];
         for bin in (0..TRANSFER_BINS).rev() {
             let active = extinction[bin] > 0.0 || extinction[bin + 1] > 0.0;
+            active_bins[bin / 32] |= u32::from(active) << (bin % 32);
             next_active[bin] = if active {
                 bin as u32
             } else {
@@ -359,6 +365,7 @@ impl TransferTable {
             extinction,
             rgb,
             next_active,
+            active_bins,
         }
     }
 
@@ -390,6 +397,11 @@ impl TransferTable {
     /// For each bin, the first bin at or after it with any extinction ([`TRANSFER_BINS`] if none).
     pub fn next_active(&self) -> &[u32] {
         &self.next_active
+    }
+
+    /// Bit `bin % 32` of word `bin / 32`: whether a bin has any extinction.
+    pub fn active_bins(&self) -> &[u32; TRANSFER_BINS / 32] {
+        &self.active_bins
     }
 
     /// Table coordinate of a value, in `0..=BINS`; the scalar twin of what the kernels compute.

@@ -41,5 +41,7 @@ pub use vacua_volume as volume;
 pub use blank::explain_blank;
 pub use quick::{Content, Device, Error, Frame, Look, Renderer, Scene, renderer};
 pub use vacua_io::{open, open_with};
-pub use vacua_render::{Camera, ClipPlane, Integrator, RenderSettings, Shading, SkipMethod};
+pub use vacua_render::{
+    Camera, ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Shading, SkipMethod,
+};
 pub use vacua_volume::{Dataset, TransferFunction, TransferStyle, Volume};

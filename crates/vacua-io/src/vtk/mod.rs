@@ -13,7 +13,7 @@ pub(crate) mod legacy;
 mod write;
 pub(crate) mod xml;
 
-pub use write::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts};
+pub use write::{WriteEncoding, WriteOptions, write_vti, write_vtr, write_vts, write_vtu};
 
 pub(crate) use bytes::array_in_file;
 pub(crate) use ghost::flags as ghost_flags;

@@ -1,5 +1,5 @@
-//! Writes grids as VTK XML: `.vti`, `.vtr`, `.vts`, appended raw data with 64-bit headers in native
-//! byte order, fields in their native type. Blanked cells become `vtkGhostType`.
+//! Writes grids and meshes as VTK XML: `.vti`, `.vtr`, `.vts`, `.vtu`, appended raw data with 64-bit
+//! headers in native byte order, fields in their native type. Blanked cells become `vtkGhostType`.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -11,12 +11,14 @@ use flate2::write::ZlibEncoder;
 use glam::DMat3;
 use rayon::prelude::*;
 use vacua_volume::{
-    Association, DataArray, Dataset, DatasetError, Geometry, ScalarType, UniformGrid,
+    Association, CellType, DataArray, Dataset, DatasetError, Geometry, Indices, ScalarType,
+    UniformGrid, UnstructuredMesh,
 };
 
 use super::{GHOST_ARRAY, ghost};
 use crate::atomic::write_atomically;
 use crate::error::{IoError, Problem};
+use crate::mesh::kind::vtk;
 
 /// Uncompressed size of a compressed block in bytes.
 const BLOCK_BYTES: usize = 1 << 18;
@@ -52,7 +54,8 @@ pub fn write_vti(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Resu
         other => Err(wrong_grid(other, "VTI", "uniform")),
     };
     let head = head.map_err(|p| p.in_file(path))?;
-    write(path, dataset, options, "ImageData", &head, &[])
+    let shape = Shape::of_grid("ImageData", dataset, &head, None);
+    write(path, dataset, options, &shape)
 }
 
 /// Writes a rectilinear grid with all its fields as `.vtr`.
@@ -69,7 +72,13 @@ pub fn write_vtr(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Resu
     };
     let coordinates: Vec<DataArray> = coordinates.map_err(|p: Problem| p.in_file(path))?;
     let geometry: Vec<Array> = ["x", "y", "z"].into_iter().zip(coordinates).collect();
-    write(path, dataset, options, "RectilinearGrid", "", &geometry)
+    let shape = Shape::of_grid(
+        "RectilinearGrid",
+        dataset,
+        "",
+        Some(("Coordinates", geometry)),
+    );
+    write(path, dataset, options, &shape)
 }
 
 /// Writes a curvilinear grid with all its fields as `.vts`.
@@ -81,17 +90,110 @@ pub fn write_vts(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Resu
         Geometry::Curvilinear(grid) => grid.positions().clone(),
         other => return Err(wrong_grid(other, "VTS", "curvilinear").in_file(path)),
     };
-    let geometry = [("Points", positions)];
-    write(path, dataset, options, "StructuredGrid", "", &geometry)
+    let geometry = ("Points", vec![("Points", positions)]);
+    let shape = Shape::of_grid("StructuredGrid", dataset, "", Some(geometry));
+    write(path, dataset, options, &shape)
+}
+
+/// Writes a mesh with all its fields as `.vtu`. Point numbers are written as signed integers, which
+/// is what other readers expect, where they fit.
+///
+/// # Errors
+/// As [`write_vti`].
+pub fn write_vtu(path: &Path, dataset: &Dataset, options: &WriteOptions) -> Result<(), IoError> {
+    let mesh = dataset
+        .mesh()
+        .ok_or_else(|| wrong_grid(dataset.geometry(), "VTU", "unstructured").in_file(path))?;
+    let cells = cell_arrays(mesh).map_err(|p| p.in_file(path))?;
+    let shape = Shape {
+        type_name: "UnstructuredGrid",
+        data_set: String::new(),
+        piece: format!(
+            r#"NumberOfPoints="{}" NumberOfCells="{}""#,
+            mesh.num_points(),
+            mesh.num_cells()
+        ),
+        geometry: vec![
+            ("Points", vec![("Points", mesh.positions().clone())]),
+            ("Cells", cells),
+        ],
+    };
+    write(path, dataset, options, &shape)
+}
+
+/// Connectivity, offsets and types of a mesh.
+fn cell_arrays(mesh: &UnstructuredMesh) -> Result<Vec<Array<'static>>, Problem> {
+    let connectivity = match mesh.indices() {
+        Indices::U32(all) if mesh.num_points() <= i32::MAX as usize + 1 => {
+            DataArray::from_vec(bytemuck::cast_slice::<u32, i32>(all).to_vec(), 1)?
+        }
+        Indices::U32(all) => DataArray::from_vec(all.iter().map(|&p| i64::from(p)).collect(), 1)?,
+        Indices::U64(all) => {
+            DataArray::from_vec(bytemuck::cast_slice::<u64, i64>(all).to_vec(), 1)?
+        }
+    };
+    let cell_types = (0..mesh.num_cells()).map(|cell| mesh.cell_type(cell));
+    let ends: Vec<i64> = cell_types
+        .clone()
+        .scan(0, |end, cell_type| {
+            *end += cell_type.num_points() as i64;
+            Some(*end)
+        })
+        .collect();
+    let numbers: Vec<u8> = cell_types.map(vtk_number).collect();
+    Ok(vec![
+        ("connectivity", connectivity),
+        ("offsets", DataArray::from_vec(ends, 1)?),
+        ("types", DataArray::from_vec(numbers, 1)?),
+    ])
+}
+
+/// VTK's number of a cell type.
+fn vtk_number(cell_type: CellType) -> u8 {
+    match cell_type {
+        CellType::Tetrahedron => vtk::TETRA,
+        CellType::Pyramid => vtk::PYRAMID,
+        CellType::Wedge => vtk::WEDGE,
+        CellType::Hexahedron => vtk::HEXAHEDRON,
+    }
 }
 
 /// An array with its name.
 type Array<'a> = (&'a str, DataArray);
 
+/// What a file says besides fields.
+struct Shape<'a> {
+    type_name: &'a str,
+    /// Attributes of the data set.
+    data_set: String,
+    /// Attributes of its only piece.
+    piece: String,
+    /// Elements with arrays that say where points and cells are.
+    geometry: Vec<(&'a str, Vec<Array<'a>>)>,
+}
+
+impl<'a> Shape<'a> {
+    fn of_grid(
+        type_name: &'a str,
+        dataset: &Dataset,
+        head: &str,
+        geometry: Option<(&'a str, Vec<Array<'a>>)>,
+    ) -> Self {
+        let [nx, ny, nz] = dataset.geometry().points().map(|n| n - 1);
+        let extent = format!("0 {nx} 0 {ny} 0 {nz}");
+        Self {
+            type_name,
+            data_set: format!(r#" WholeExtent="{extent}"{head}"#),
+            piece: format!(r#"Extent="{extent}""#),
+            geometry: geometry.into_iter().collect(),
+        }
+    }
+}
+
 fn wrong_grid(geometry: &Geometry, format: &str, kind: &str) -> Problem {
     Problem::Unsupported {
-        what: format!("a {} grid in a {format} file", geometry.kind()),
-        hint: Some(format!("{format} holds {kind} grids")),
+        what: format!("{} points and cells in a {format} file", geometry.kind()),
+        hint: Some(format!("{format} holds {kind} ones")),
     }
 }
 
@@ -125,14 +227,12 @@ fn uniform_head(grid: &UniformGrid) -> Result<String, Problem> {
     Ok(head)
 }
 
-/// Writes a grid: tags first, then the arrays in the order of their tags.
+/// Writes a data set: tags first, then the arrays in the order of their tags.
 fn write(
     path: &Path,
     dataset: &Dataset,
     options: &WriteOptions,
-    type_name: &str,
-    head: &str,
-    geometry: &[Array<'_>],
+    shape: &Shape<'_>,
 ) -> Result<(), IoError> {
     let mut arrays = Vec::new();
     for field in dataset.fields() {
@@ -151,19 +251,13 @@ fn write(
         let matching = arrays.iter().filter(|(a, _)| *a == wanted);
         matching.map(|(_, array)| array).collect()
     };
-    let geometry_tag = match type_name {
-        "RectilinearGrid" => Some("Coordinates"),
-        "StructuredGrid" => Some("Points"),
-        _ => None,
-    };
     let mut sections = vec![
         ("PointData", of(Association::Point)),
         ("CellData", of(Association::Cell)),
     ];
-    sections.extend(geometry_tag.map(|tag| (tag, geometry.iter().collect())));
+    let geometry = shape.geometry.iter();
+    sections.extend(geometry.map(|(tag, arrays)| (*tag, arrays.iter().collect())));
 
-    let [nx, ny, nz] = dataset.geometry().points().map(|n| n - 1);
-    let extent = format!("0 {nx} 0 {ny} 0 {nz}");
     write_atomically(path, |to| {
         let payloads = sections
             .iter()
@@ -171,13 +265,7 @@ fn write(
             .map(|(_, array)| Payload::new(array, options.encoding))
             .collect::<io::Result<Vec<_>>>()?;
         let mut tags = Vec::new();
-        write_tags(
-            &mut tags,
-            options,
-            (type_name, &extent, head),
-            &sections,
-            &payloads,
-        )?;
+        write_tags(&mut tags, options, shape, &sections, &payloads)?;
         let underscore = b"_";
         let padding = (tags.len() + underscore.len()).next_multiple_of(ALIGN_BYTES)
             - (tags.len() + underscore.len());
@@ -195,7 +283,7 @@ fn write(
 fn write_tags(
     to: &mut Vec<u8>,
     options: &WriteOptions,
-    (type_name, extent, head): (&str, &str, &str),
+    shape: &Shape<'_>,
     sections: &[(&str, Vec<&Array<'_>>)],
     payloads: &[Payload<'_>],
 ) -> io::Result<()> {
@@ -208,13 +296,19 @@ fn write_tags(
         WriteEncoding::Raw => "",
         WriteEncoding::Zlib => r#" compressor="vtkZLibDataCompressor""#,
     };
+    let Shape {
+        type_name,
+        data_set,
+        piece,
+        ..
+    } = shape;
     writeln!(to, r#"<?xml version="1.0"?>"#)?;
     writeln!(
         to,
         r#"<VTKFile type="{type_name}" version="1.0" byte_order="{byte_order}" header_type="UInt64"{compressor}>"#
     )?;
-    writeln!(to, r#"  <{type_name} WholeExtent="{extent}"{head}>"#)?;
-    writeln!(to, r#"    <Piece Extent="{extent}">"#)?;
+    writeln!(to, "  <{type_name}{data_set}>")?;
+    writeln!(to, "    <Piece {piece}>")?;
     let mut offset = 0;
     let mut payload = payloads.iter();
     for (tag, arrays) in sections {

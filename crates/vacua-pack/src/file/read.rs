@@ -39,10 +39,10 @@ pub struct FieldEntry {
 
 /// An open `.vacua` file: header and table are checked, sections when they are first used.
 pub struct PackedFile {
-    path: PathBuf,
-    store: Arc<dyn ByteStore>,
-    header: Header,
-    table: Vec<Entry>,
+    pub(super) path: PathBuf,
+    pub(super) store: Arc<dyn ByteStore>,
+    pub(super) header: Header,
+    pub(super) table: Vec<Entry>,
     /// Whether a section's checksum was right, once that has been asked.
     intact: Vec<OnceLock<bool>>,
 }
@@ -133,7 +133,7 @@ impl PackedFile {
             .map_err(|p| p.in_file(&self.path))
     }
 
-    fn field_entry(&self, field: u32) -> Result<FieldEntry, Problem> {
+    pub(super) fn field_entry(&self, field: u32) -> Result<FieldEntry, Problem> {
         let (name, place) = self.section(NAME, field)?;
         let values = self.find(VALUES, field)?;
         let bytes = self.store.bytes().get(place).unwrap_or(&[]);
@@ -232,14 +232,14 @@ impl PackedFile {
         Ok(field)
     }
 
-    fn find(&self, kind: u32, field: u32) -> Result<(usize, &Entry), Problem> {
+    pub(super) fn find(&self, kind: u32, field: u32) -> Result<(usize, &Entry), Problem> {
         let mut all = self.table.iter().enumerate();
         all.find(|(_, e)| e.kind == kind && e.field == field)
             .ok_or_else(|| Problem::malformed("section table", kind_name(kind), "none"))
     }
 
     /// A section whose checksum is right.
-    fn section(&self, kind: u32, field: u32) -> Result<(&Entry, Range<usize>), Problem> {
+    pub(super) fn section(&self, kind: u32, field: u32) -> Result<(&Entry, Range<usize>), Problem> {
         let (number, entry) = self.find(kind, field)?;
         let place = entry.offset as usize..(entry.offset + entry.length) as usize;
         let bytes = self.store.bytes().get(place.clone()).unwrap_or(&[]);
@@ -256,7 +256,11 @@ impl PackedFile {
         Ok((entry, place))
     }
 
-    fn flat<T: Pod + Send + Sync>(&self, kind: u32, field: u32) -> Result<Flat<T>, Problem> {
+    pub(super) fn flat<T: Pod + Send + Sync>(
+        &self,
+        kind: u32,
+        field: u32,
+    ) -> Result<Flat<T>, Problem> {
         let (entry, place) = self.section(kind, field)?;
         Flat::from_store(self.store.clone(), place).ok_or_else(|| {
             Problem::malformed(

@@ -1,12 +1,17 @@
 //! `vacua info`: what is in a file.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
+use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Number, Value};
-use vacua_volume::{CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
+use vacua_pack::Variant;
+use vacua_pack::file::PackedFile;
+use vacua_volume::{Bounds, CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
 
 use super::input::{InputArgs, Opened};
+use super::packed::{self, Bytes, Memory};
 use super::{Failure, output};
 
 /// Arguments of `vacua info`.
@@ -36,10 +41,23 @@ struct Info {
     bounds: [f64; 6],
     #[serde(skip_serializing_if = "Option::is_none")]
     blanked_cells: Option<usize>,
+    /// How a `.vacua` file is packed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    packed: Option<PackedInfo>,
     fields: Vec<FieldInfo>,
     time_steps: usize,
     time_step: usize,
     notes: Vec<String>,
+}
+
+/// How a `.vacua` file is packed.
+#[derive(Serialize)]
+struct PackedInfo {
+    variant: u8,
+    index_bits: u32,
+    file_bytes: u64,
+    #[serde(flatten)]
+    memory: Memory,
 }
 
 #[derive(Serialize)]
@@ -55,13 +73,71 @@ struct FieldInfo {
 
 /// Runs `vacua info`.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
+    if let Some(file) = packed::open(&args.input)? {
+        let info = describe_packed(&file, &args.input.files[0])?;
+        return print(args, &info);
+    }
     let opened = args.input.open()?;
     let info = output::during("reading the values", || describe(&opened))?;
+    print(args, &info)
+}
+
+fn print(args: &InfoArgs, info: &Info) -> Result<(), Failure> {
     if args.json {
-        output::print_json(&info)
+        output::print_json(info)
     } else {
-        output::print(&as_text(&info))
+        output::print(&as_text(info))
     }
+}
+
+/// What a `.vacua` file says of itself, without a look at its cells or values.
+fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
+    let summary = file.summary()?;
+    let fields = summary.fields.iter().map(|field| FieldInfo {
+        name: field.entry.name.clone(),
+        association: field.entry.association.to_string(),
+        scalar_type: field.entry.scalar_type.name(),
+        components: 1,
+        range: range_json(field.range, field.entry.scalar_type),
+    });
+    let bytes = summary.fields.iter().map(|field| field.bytes);
+    let Bounds { lo, hi } = summary.bounds.unwrap_or(Bounds {
+        lo: DVec3::ZERO,
+        hi: DVec3::ZERO,
+    });
+    Ok(Info {
+        file: path.display().to_string(),
+        kind: "unstructured",
+        dimensions: None,
+        points: Some(summary.num_vertices),
+        cells: Some(packed::cells_by_name(summary.num_cells_by_type)),
+        bounds: [lo.x, hi.x, lo.y, hi.y, lo.z, hi.z],
+        blanked_cells: None,
+        packed: Some(PackedInfo {
+            variant: match summary.variant {
+                Variant::MultiLeaves => 1,
+                Variant::MultiNodes => 2,
+            },
+            index_bits: summary.index_bits,
+            file_bytes: file.num_bytes(),
+            memory: Memory::new(
+                summary.num_cells_by_type,
+                summary.num_vertices,
+                summary.num_submeshes,
+                summary.num_nodes,
+                Bytes::new(summary.bytes, bytes),
+                summary
+                    .fields
+                    .iter()
+                    .map(|f| f.entry.name.clone())
+                    .collect(),
+            ),
+        }),
+        fields: fields.collect(),
+        time_steps: 1,
+        time_step: 0,
+        notes: Vec::new(),
+    })
 }
 
 fn describe(opened: &Opened) -> Result<Info, Failure> {
@@ -102,6 +178,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
             bounds.hi.z,
         ],
         blanked_cells: dataset.blanked_cells().map(|mask| mask.num_blank()),
+        packed: None,
         fields,
         time_steps: opened.num_steps,
         time_step: opened.step,
@@ -162,6 +239,18 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
     writeln!(out, "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}")?;
     if let Some(blanked) = info.blanked_cells {
         writeln!(out, "  {blanked} cells blanked")?;
+    }
+    if let Some(packed) = &info.packed {
+        writeln!(
+            out,
+            "  packed: variant {}, {} index bits, {}",
+            packed.variant,
+            packed.index_bits,
+            packed::bytes_text(packed.file_bytes)
+        )?;
+        for line in packed.memory.table() {
+            writeln!(out, "{line}")?;
+        }
     }
     if info.time_steps > 1 {
         writeln!(

@@ -7,9 +7,11 @@
 mod choice;
 mod convert;
 mod demo;
+mod encode;
 mod info;
 mod input;
 mod output;
+mod packed;
 mod points;
 mod render;
 mod sample;
@@ -47,7 +49,9 @@ enum Command {
     Sample(Box<sample::SampleArgs>),
     /// From one file format to another
     Convert(Box<convert::ConvertArgs>),
-    /// Procedural volumes of any size
+    /// A mesh into a small .vacua file, and what it takes by part
+    Encode(Box<encode::EncodeArgs>),
+    /// Procedural volumes and meshes of any size
     Synth(synth::SynthArgs),
 }
 
@@ -124,6 +128,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Sample(args) => sample::run(&args),
         Command::Convert(args) => convert::run(*args),
+        Command::Encode(args) => encode::run(&args),
         Command::Synth(args) => synth::run(&args),
     };
     match done {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua::{Camera, ClipPlane, Integrator, RenderSettings, Shading, SkipMethod};
+use vacua::{Camera, ClipPlane, Integrator, Overlay, RenderSettings, Shading, SkipMethod};
 use vacua_io::picture::{Picture, PictureFormat, write_picture};
 use vacua_render::{CpuRenderer, Jitter, Renderer as _, Rendering, Scene};
 use vacua_volume::Bounds;
@@ -35,6 +35,9 @@ pub struct RenderArgs {
     /// Show the left half of the heat map as it is without skipping
     #[arg(long, requires = "heatmap")]
     heatmap_halves: bool,
+    /// Draw something over the picture
+    #[arg(long, value_enum)]
+    overlay: Option<OverlayChoice>,
     #[command(flatten)]
     field: FieldArgs,
     #[command(flatten)]
@@ -108,6 +111,13 @@ struct MethodArgs {
     /// Frames to time after one to warm up
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     repeat: Option<u32>,
+}
+
+/// What is drawn over the picture.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum OverlayChoice {
+    /// The boundary of the macrocells in which anything can be seen.
+    Boundary,
 }
 
 /// Whether surfaces are lit.
@@ -243,7 +253,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     {
         PictureFormat::of(path).map_err(|e| Wrong(format!("{}: {e}", path.display())))?;
     }
-    let settings = args
+    let mut settings = args
         .method
         .settings(args.view.size, args.appearance.shading);
 
@@ -267,6 +277,10 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     let threads = args.method.threads.map(usize::from);
     let mut renderer = CpuRenderer::new(threads).map_err(|e| Failure::Other(Box::new(e)))?;
+    settings.overlay = match args.overlay {
+        None => Overlay::None,
+        Some(OverlayChoice::Boundary) => Overlay::Boundary,
+    };
     let mut render = |settings: &RenderSettings| {
         renderer
             .render(&scene, settings)

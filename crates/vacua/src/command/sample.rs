@@ -4,14 +4,16 @@ use std::fs::File;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use rayon::prelude::*;
 use vacua_io::write_atomically;
 use vacua_render::VolumeSampler;
 
-use super::Failure;
 use super::choice::FieldArgs;
 use super::input::InputArgs;
+use super::packed::{self, PackedValues};
 use super::points::{PointReader, write_header, write_value};
+use super::{Failure, Wrong};
 
 /// Points that are sampled at once.
 const CHUNK: usize = 1 << 16;
@@ -33,9 +35,7 @@ pub struct SampleArgs {
 
 /// Runs `vacua sample`.
 pub fn run(args: &SampleArgs) -> Result<(), Failure> {
-    let opened = args.input.open()?;
-    let volume = args.field.volume(&opened)?;
-    let sampler = VolumeSampler::new(&volume).map_err(|e| Failure::contents(&opened.path, e))?;
+    let sampler = Sampler::open(args)?;
     let points = open(&args.points)?;
     match &args.output {
         Some(path) => {
@@ -59,6 +59,40 @@ pub fn run(args: &SampleArgs) -> Result<(), Failure> {
     }
 }
 
+/// What gives the values.
+enum Sampler {
+    /// A dataset as it came.
+    Volume(VolumeSampler),
+    /// A `.vacua` file.
+    Packed(PackedValues),
+}
+
+impl Sampler {
+    fn open(args: &SampleArgs) -> Result<Self, Failure> {
+        if let Some(file) = packed::open(&args.input)? {
+            if args.field.component.is_some() {
+                return Err(
+                    Wrong("--component: packed fields have one component".to_owned()).into(),
+                );
+            }
+            let path = &args.input.files[0];
+            return PackedValues::load(&file, path, args.field.field.as_ref()).map(Self::Packed);
+        }
+        let opened = args.input.open()?;
+        let volume = args.field.volume(&opened)?;
+        VolumeSampler::new(&volume)
+            .map(Self::Volume)
+            .map_err(|e| Failure::contents(&opened.path, e))
+    }
+
+    fn at(&self, points: &[DVec3]) -> Vec<Option<f64>> {
+        match self {
+            Self::Volume(sampler) => points.par_iter().map(|&p| sampler.sample(p)).collect(),
+            Self::Packed(values) => values.at(points),
+        }
+    }
+}
+
 /// The points' file.
 fn open(path: &Path) -> Result<Box<dyn Read>, Failure> {
     if path == Path::new("-") {
@@ -70,7 +104,7 @@ fn open(path: &Path) -> Result<Box<dyn Read>, Failure> {
 
 /// Reads points and writes values, in order.
 fn sample(
-    sampler: &VolumeSampler,
+    sampler: &Sampler,
     points: Box<dyn Read>,
     path: &Path,
     out: &mut impl Write,
@@ -83,7 +117,7 @@ fn sample(
         if points.is_empty() {
             return out.flush().map_err(io);
         }
-        let values: Vec<Option<f64>> = points.par_iter().map(|&p| sampler.sample(p)).collect();
+        let values = sampler.at(&points);
         for (point, value) in points.iter().zip(values) {
             write_value(out, *point, value).map_err(io)?;
         }

@@ -1,0 +1,232 @@
+//! `.vacua` files among the inputs: what is in one, what it takes by part, and its values at points.
+
+use std::path::Path;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use vacua_io::Source;
+use vacua_pack::file::{PackedFile, is_packed};
+use vacua_pack::{FieldBytes, PackedBytes, PackedField, PackedMesh};
+use vacua_volume::{CellType, FieldChoice};
+
+use super::Failure;
+use super::input::InputArgs;
+
+/// Opens the input as a `.vacua` file, if it is one.
+pub fn open(input: &InputArgs) -> Result<Option<PackedFile>, Failure> {
+    let [path] = input.files.as_slice() else {
+        return Ok(None);
+    };
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let source = Source::open(path)?;
+    if !is_packed(source.bytes()) {
+        return Ok(None);
+    }
+    Ok(Some(PackedFile::from_source(source)?))
+}
+
+/// Bytes by part.
+#[derive(Clone, Debug, Serialize)]
+pub struct Bytes {
+    vertices: u64,
+    indices: u64,
+    nodes: u64,
+    outer: u64,
+    sub_meshes: u64,
+    /// Values of all fields.
+    values: u64,
+    /// Value ranges of all fields, with what finds the values of a cell.
+    ranges: u64,
+    total: u64,
+}
+
+impl Bytes {
+    /// The sums of a mesh and its fields.
+    pub fn new(mesh: PackedBytes, fields: impl Iterator<Item = FieldBytes>) -> Self {
+        let (mut values, mut ranges) = (0, 0);
+        for field in fields {
+            values += field.values as u64;
+            ranges += (field.ranges + field.cells_before) as u64;
+        }
+        Self {
+            vertices: mesh.positions as u64,
+            indices: mesh.indices as u64,
+            nodes: mesh.nodes as u64,
+            outer: mesh.outer as u64,
+            sub_meshes: mesh.submeshes as u64,
+            values,
+            ranges,
+            total: mesh.total() as u64 + values + ranges,
+        }
+    }
+}
+
+/// What a packed mesh takes: the columns of paper B's Table 3.
+#[derive(Clone, Debug, Serialize)]
+pub struct Memory {
+    cells: Map<String, Value>,
+    num_cells: u64,
+    /// Replicated ones included.
+    vertices: u64,
+    sub_meshes: u64,
+    nodes: u64,
+    bytes: Bytes,
+    bytes_per_cell: f64,
+    fields: Vec<String>,
+}
+
+/// Counts by name; types without cells are left out.
+pub fn cells_by_name(counts: [u64; 4]) -> Map<String, Value> {
+    let all = CellType::ALL.into_iter().zip(counts);
+    all.filter(|&(_, n)| n > 0)
+        .map(|(cell_type, n)| (cell_type.name().to_owned(), Value::from(n)))
+        .collect()
+}
+
+impl Memory {
+    /// From what there is of each part.
+    pub fn new(
+        cells: [u64; 4],
+        vertices: u64,
+        sub_meshes: u64,
+        nodes: u64,
+        bytes: Bytes,
+        fields: Vec<String>,
+    ) -> Self {
+        let num_cells: u64 = cells.iter().sum();
+        Self {
+            cells: cells_by_name(cells),
+            num_cells,
+            vertices,
+            sub_meshes,
+            nodes,
+            bytes_per_cell: bytes.total as f64 / (num_cells as f64).max(1.0),
+            bytes,
+            fields,
+        }
+    }
+
+    /// The cells in words.
+    pub fn cells_text(&self) -> String {
+        let cells: Vec<String> = self
+            .cells
+            .iter()
+            .map(|(n, c)| format!("{c} × {n}"))
+            .collect();
+        match cells.as_slice() {
+            [] => "no cells".to_owned(),
+            cells => cells.join(", "),
+        }
+    }
+
+    /// The table in lines.
+    pub fn table(&self) -> Vec<String> {
+        let per_cell = |bytes: u64| bytes as f64 / (self.num_cells as f64).max(1.0);
+        let mut rows = vec![
+            ("vertices", Some(self.vertices), self.bytes.vertices),
+            ("indices", None, self.bytes.indices),
+            ("nodes", Some(self.nodes), self.bytes.nodes),
+            ("outer tree", None, self.bytes.outer),
+            ("sub-meshes", Some(self.sub_meshes), self.bytes.sub_meshes),
+        ];
+        if !self.fields.is_empty() {
+            let count = Some(self.fields.len() as u64);
+            rows.push(("field values", count, self.bytes.values));
+            rows.push(("value ranges", None, self.bytes.ranges));
+        }
+        rows.push(("total", None, self.bytes.total));
+        let head = format!(
+            "  {:12} {:>12} {:>12} {:>12}",
+            "part", "count", "memory", "B a cell"
+        );
+        let row = |(name, count, bytes): (&str, Option<u64>, u64)| {
+            let count = count.map_or(String::new(), |n| n.to_string());
+            format!(
+                "  {name:12} {count:>12} {:>12} {:>12.3}",
+                bytes_text(bytes),
+                per_cell(bytes)
+            )
+        };
+        std::iter::once(head)
+            .chain(rows.into_iter().map(row))
+            .collect()
+    }
+}
+
+/// Bytes in a unit that people read, of powers of 2 as in the paper.
+pub fn bytes_text(bytes: u64) -> String {
+    const UNITS: [&str; 4] = ["B", "KB", "MB", "GB"];
+    let mut value = bytes as f64;
+    let mut unit = 0;
+    while value >= 1024.0 && unit + 1 < UNITS.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    if unit == 0 {
+        format!("{bytes} B")
+    } else {
+        format!("{value:.2} {}", UNITS[unit])
+    }
+}
+
+/// A field on a packed mesh.
+pub struct PackedValues {
+    mesh: PackedMesh,
+    field: PackedField,
+}
+
+impl PackedValues {
+    /// Loads a field; a lone one needs no choice.
+    pub fn load(
+        file: &PackedFile,
+        path: &Path,
+        choice: Option<&FieldChoice>,
+    ) -> Result<Self, Failure> {
+        let fields = file.fields()?;
+        let names = || {
+            fields
+                .iter()
+                .map(|f| f.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        let place = match choice {
+            None | Some(FieldChoice::Only) => (fields.len() == 1).then_some(0),
+            Some(FieldChoice::Name(name)) => fields.iter().position(|f| f.name == *name),
+            Some(FieldChoice::Index(index)) => Some(*index).filter(|&i| i < fields.len()),
+        };
+        let place = place.ok_or_else(|| {
+            let asked = match choice {
+                Some(FieldChoice::Name(name)) => format!("no field `{name}`"),
+                Some(FieldChoice::Index(index)) => format!("no field #{index}"),
+                _ => "which field?".to_owned(),
+            };
+            Failure::plain(format!(
+                "{}: {asked}; there are: {}",
+                path.display(),
+                names()
+            ))
+        })?;
+        let mesh = file.mesh()?;
+        let field = file.field(&mesh, place)?;
+        Ok(Self { mesh, field })
+    }
+
+    /// The values at points, in order.
+    pub fn at(&self, points: &[DVec3]) -> Vec<Option<f64>> {
+        points
+            .par_iter()
+            .map_init(
+                || self.mesh.locator(),
+                |locator, point| {
+                    let location = locator.locate(point.to_array())?;
+                    self.field.value_at(&self.mesh, &location)
+                },
+            )
+            .collect()
+    }
+}

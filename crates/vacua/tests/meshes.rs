@@ -1,0 +1,246 @@
+//! Meshes through the command: info, encode, sample, convert, synth.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::{Value, json};
+
+fn vacua(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_vacua"))
+        .args(arguments)
+        .output()
+        .expect("the command starts")
+}
+
+fn succeed(arguments: &[&str]) -> Output {
+    let output = vacua(arguments);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {message}");
+    output
+}
+
+fn as_json(arguments: &[&str]) -> Value {
+    serde_json::from_slice(&succeed(arguments).stdout).expect("one JSON object")
+}
+
+fn fails(arguments: &[&str], code: i32) -> String {
+    let output = vacua(arguments);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}");
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn data(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vacua-io/tests/data");
+    text(&folder.join(name))
+}
+
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("temporary folder")
+}
+
+#[test]
+fn info_counts_cells() {
+    let info = as_json(&["info", &data("disk_out_ref.ex2"), "--json"]);
+    assert_eq!(info["kind"], "unstructured");
+    assert_eq!(info["points"], 8499);
+    assert_eq!(info["cells"], json!({"hexahedron": 7472, "quad": 2952}));
+    assert_eq!(info.get("dimensions"), None);
+    let names: Vec<&str> = info["fields"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|f| f["name"].as_str())
+        .collect();
+    assert_eq!(names, ["Temp", "V", "Pres", "AsH3", "GaMe3", "CH4", "H2"]);
+    let plain = String::from_utf8(succeed(&["info", &data("post.vtk")]).stdout).expect("text");
+    assert!(plain.contains("8750 × tetrahedron"), "{plain}");
+}
+
+#[test]
+fn steps_of_one_file_are_time_steps() {
+    let file = data("mesh/blocks.ex2");
+    let info = as_json(&["info", &file, "--time", "2.0", "--json"]);
+    assert_eq!(
+        (&info["time_steps"], &info["time_step"]),
+        (&json!(3), &json!(2))
+    );
+    assert_eq!(info["fields"][3]["range"], json!([112.0, 122.0]));
+    let message = fails(&["info", &file, "--time", "9"], 1);
+    assert!(
+        message.contains("steps 0 to 2, at times 0 to 2"),
+        "{message}"
+    );
+}
+
+/// Points of a table of VTK's, as the command takes them.
+fn sampled(file: &str, field: &str, points: &Path) -> Vec<Option<f64>> {
+    let output = succeed(&["sample", file, "--field", field, "--points", &text(points)]);
+    let text = String::from_utf8(output.stdout).expect("text");
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let cells: Vec<&str> = line.split(',').collect();
+            (cells[3] == "1").then(|| cells[4].parse().expect("a number"))
+        })
+        .collect()
+}
+
+#[test]
+fn an_encoded_mesh_says_and_gives_the_same() {
+    let folder = folder();
+    for (file, field, table, variant) in [
+        ("post.vtk", "Pressure", "probe/post_pressure.csv", "1"),
+        ("warped.vtu", "wave", "probe/warped_wave.csv", "2"),
+    ] {
+        let packed = folder.path().join(format!("{file}.vacua"));
+        let arguments = [
+            "encode",
+            &data(file),
+            "-o",
+            &text(&packed),
+            "--variant",
+            variant,
+            "--index-bits",
+            "8",
+            "--json",
+        ];
+        let report = as_json(&arguments);
+        let bytes = &report["bytes"];
+        let part = |name: &str| bytes[name].as_u64().expect("a number");
+        let parts = [
+            "vertices",
+            "indices",
+            "nodes",
+            "outer",
+            "sub_meshes",
+            "values",
+            "ranges",
+        ];
+        assert_eq!(parts.iter().map(|p| part(p)).sum::<u64>(), part("total"));
+        let file_bytes = report["file_bytes"].as_u64().expect("a number");
+        assert!(file_bytes > part("total") && file_bytes < part("total") + 4096);
+        assert!(report["sub_meshes"].as_u64() > Some(1));
+
+        let info = as_json(&["info", &text(&packed), "--json"]);
+        let plain = as_json(&["info", &data(file), "--json"]);
+        assert_eq!(info["cells"], plain["cells"]);
+        assert_eq!(info["kind"], "unstructured");
+        assert_eq!(info["fields"], plain["fields"]);
+        assert_eq!(info["packed"]["variant"].to_string(), variant);
+        assert_eq!(info["packed"]["bytes"], report["bytes"]);
+
+        let points = PathBuf::from(data(table));
+        let exact = sampled(&data(file), field, &points);
+        let from_packed = sampled(&text(&packed), field, &points);
+        assert!(exact.iter().flatten().count() > 200);
+        for (exact, packed) in exact.iter().zip(&from_packed) {
+            match (exact, packed) {
+                (Some(a), Some(b)) => assert!((a - b).abs() < 1e-5, "{a} {b}"),
+                (a, b) => assert_eq!(a, b),
+            }
+        }
+    }
+}
+
+#[test]
+fn fields_are_chosen_by_name_and_component() {
+    let folder = folder();
+    let packed = text(&folder.path().join("can.vacua"));
+    let can = data("can.vtu");
+    succeed(&[
+        "encode",
+        &can,
+        "-o",
+        &packed,
+        "--fields",
+        "EQPS,DISPL:2,VEL:mag",
+    ]);
+    let info = as_json(&["info", &packed, "--json"]);
+    let fields: Vec<&str> = info["fields"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|f| f["name"].as_str())
+        .collect();
+    assert_eq!(fields, ["EQPS", "DISPL:2", "VEL:mag"]);
+    assert_eq!(
+        info["fields"][1]["range"],
+        json!([-17.810230255126953, 0.0506276935338974])
+    );
+    let message = fails(&["encode", &can, "-o", &packed, "--fields", "nothing"], 1);
+    assert!(message.contains("no field `nothing`"), "{message}");
+    fails(&["encode", &can, "-o", &packed, "--fields", "DISPL:x"], 2);
+    fails(&["encode", &can, "-o", &packed, "--variant", "3"], 2);
+    fails(&["encode", &can, "-o", &packed, "--index-bits", "7"], 2);
+    let grid = fails(&["encode", &data("hydrogen.vti"), "-o", &packed], 1);
+    assert!(grid.contains("uniform grid"), "{grid}");
+}
+
+#[test]
+fn a_damaged_file_is_named_as_such() {
+    let folder = folder();
+    let path = folder.path().join("post.vacua");
+    succeed(&["encode", &data("post.vtk"), "-o", &text(&path)]);
+    let mut bytes = std::fs::read(&path).expect("written");
+    let len = bytes.len();
+    bytes[40] ^= 1;
+    std::fs::write(&path, &bytes).expect("writable");
+    assert!(fails(&["info", &text(&path)], 1).contains("damaged"));
+    bytes[40] ^= 1;
+    std::fs::write(&path, &bytes[..len / 2]).expect("writable");
+    assert!(fails(&["info", &text(&path)], 1).contains("truncated"));
+}
+
+#[test]
+fn meshes_are_made_and_converted() {
+    let folder = folder();
+    let made = text(&folder.path().join("octree.vtu"));
+    succeed(&[
+        "synth",
+        "octree",
+        "--size",
+        "16",
+        "--values",
+        "linear",
+        "--shuffle",
+        "-o",
+        &made,
+    ]);
+    let info = as_json(&["info", &made, "--json"]);
+    assert!(info["cells"]["pyramid"].as_u64() > Some(0), "{info}");
+    assert_eq!(info["fields"][0]["type"], "f64");
+    let converted = text(&folder.path().join("converted.vtu"));
+    succeed(&["convert", &made, &converted, "--compress"]);
+    let again = as_json(&["info", &converted, "--json"]);
+    for key in ["points", "cells", "bounds", "fields"] {
+        assert_eq!(info[key], again[key], "{key}");
+    }
+    let wrong = text(&folder.path().join("mesh.vti"));
+    let message = fails(&["convert", &made, &wrong], 1);
+    assert!(message.contains("VTI holds uniform"), "{message}");
+    fails(&["synth", "octree", "--size", "3x4x5", "-o", &made], 2);
+    fails(&["synth", "octree", "--holes", "2", "-o", &made], 2);
+}
+
+#[test]
+fn a_mesh_is_not_rendered_in_silence() {
+    let folder = folder();
+    let picture = text(&folder.path().join("a.png"));
+    let output = vacua(&[
+        "render",
+        &data("post.vtk"),
+        "-o",
+        &picture,
+        "--size",
+        "16x16",
+    ]);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success() || message.contains("mesh of 8750 cells"),
+        "{message}"
+    );
+}
