@@ -7,6 +7,7 @@
 //!
 //! All in `f64`; corners are relative to the point, which is exact enough for positions of `f32`.
 
+mod gradient;
 mod hexahedron;
 mod linear;
 mod pyramid;
@@ -14,6 +15,8 @@ mod tetrahedron;
 mod wedge;
 
 use vacua_volume::CellType;
+
+pub use gradient::gradient_at;
 
 use linear::Vec3;
 

@@ -217,13 +217,28 @@ impl PackedField {
                 interpolate(&location.weights, &values[..cell.corners().len()])
             }
             Association::Cell => {
-                let node = header.first_node.checked_add(u64::from(location.node))?;
-                let place = usize::try_from(node).ok()?;
-                let before = *self.cells_before.as_ref()?.as_slice().get(place)?;
-                let cell = u64::from(before) + u64::from(location.cell_in_node);
-                read(header.first_cell.checked_add(cell)?).filter(|v| v.is_finite())
+                let submesh = cell.submesh as usize;
+                let place =
+                    self.place_of_cell(mesh, submesh, location.node, location.cell_in_node)?;
+                read(place as u64).filter(|v| v.is_finite())
             }
         }
+    }
+
+    /// Where the value of a cell is, for fields on cells.
+    #[inline]
+    pub(crate) fn place_of_cell(
+        &self,
+        mesh: &PackedMesh,
+        submesh: usize,
+        node: u32,
+        cell_in_node: u32,
+    ) -> Option<usize> {
+        let header = mesh.submeshes().get(submesh)?;
+        let node = usize::try_from(header.first_node.checked_add(u64::from(node))?).ok()?;
+        let before = *self.cells_before.as_ref()?.as_slice().get(node)?;
+        let cell = u64::from(before) + u64::from(cell_in_node);
+        usize::try_from(header.first_cell.checked_add(cell)?).ok()
     }
 }
 

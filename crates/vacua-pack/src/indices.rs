@@ -59,6 +59,13 @@ impl<'a> IndexList<'a> {
         self.len() == 0
     }
 
+    /// Asks for the indices from a place on.
+    #[inline(always)]
+    pub(crate) fn prefetch(self, place: u32) {
+        let byte = u64::from(place) * u64::from(self.bits) / 8;
+        vacua_simd::prefetch(self.bytes, usize::try_from(byte).unwrap_or(usize::MAX));
+    }
+
     /// The largest number an index can be, which is the marker where there is one.
     #[inline(always)]
     pub fn largest(self) -> u32 {

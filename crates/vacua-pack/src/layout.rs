@@ -287,6 +287,12 @@ pub struct SubmeshHeader {
 }
 
 impl SubmeshHeader {
+    /// Places of its nodes among those of all sub-meshes.
+    pub fn nodes(&self) -> std::ops::Range<u64> {
+        let end = self.first_node.saturating_add(u64::from(self.num_nodes));
+        self.first_node..end
+    }
+
     /// Number of cells.
     pub fn total_cells(&self) -> u64 {
         self.num_cells.iter().map(|&n| u64::from(n)).sum()

@@ -7,7 +7,7 @@
 //! 2^N vertices, tetrahedra in pairs of five indices, leaves without item lists, nodes of eight
 //! children with boxes quantised twice. Geometry is immutable; [`PackedField`]s bring values and
 //! their ranges along, each on its own. [`Locator`] finds the cell at a position and the weights of
-//! its corners; [`file`](mod@file) is the `.vacua` file, used where it is mapped.
+//! its corners, [`BlockLocator`] those of sixteen positions at once; [`file`](mod@file) is the `.vacua` file, used where it is mapped.
 //!
 //! What the paper says, and where it is:
 //!
@@ -42,6 +42,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod block;
 mod bvh;
 mod collapse;
 mod element;
@@ -62,7 +63,8 @@ mod partition;
 mod section;
 mod submesh;
 
-pub use element::{Weights, interpolate, weights_at, weights_at_f64};
+pub use block::{BlockLocator, BlockSampler, Located, Sampled};
+pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
 pub use encode::{EncodeError, EncodeOptions, EncodeReport, Encoded, PackMap, Variant, encode};
 pub use exact::MeshLocator;
 pub use field::{FieldBytes, PackFieldError, PackedField};

@@ -58,7 +58,7 @@ impl PackedMesh {
     }
 
     /// Which sub-mesh a node belongs to.
-    fn submesh_of_node(&self, node: u64) -> Option<usize> {
+    pub(crate) fn submesh_of_node(&self, node: u64) -> Option<usize> {
         let after = self.submeshes().partition_point(|s| s.first_node <= node);
         after.checked_sub(1)
     }
@@ -72,14 +72,19 @@ impl Locator<'_> {
 
     /// The cell at a position in the world, if any accepts it.
     pub fn locate(&mut self, position_world: [f64; 3]) -> Option<Location> {
-        if self.mesh.outer().is_empty() || !position_world.iter().all(|c| c.is_finite()) {
+        self.locate_local(minus(position_world, self.origin))
+    }
+
+    /// The cell at a position relative to the mesh's origin (see [`PackedMesh::origin`]).
+    pub fn locate_local(&mut self, position: [f64; 3]) -> Option<Location> {
+        if self.mesh.outer().is_empty() || !position.iter().all(|c| c.is_finite()) {
             return None;
         }
-        self.find_items(minus(position_world, self.origin));
+        self.find_items(position);
         let mut best = None;
         let items = std::mem::take(&mut self.items);
         for &item in &items {
-            self.visit_item(item, position_world, &mut best);
+            self.visit_item(item, position, &mut best);
         }
         self.items = items;
         best
@@ -105,7 +110,7 @@ impl Locator<'_> {
         self.items.sort_unstable();
     }
 
-    fn visit_item(&mut self, item: u32, position_world: [f64; 3], best: &mut Option<Location>) {
+    fn visit_item(&mut self, item: u32, position: [f64; 3], best: &mut Option<Location>) {
         let (index, node) = match self.mesh.variant() {
             Variant::MultiNodes => (Some(item as usize), 0),
             Variant::MultiLeaves => {
@@ -120,7 +125,8 @@ impl Locator<'_> {
         if best.is_some_and(|b| (b.cell.submesh as usize) < index) {
             return;
         }
-        let position = minus(position_world, submesh.header.origin);
+        // Differences between origins, which all are the same unless a file says otherwise.
+        let position = minus(position, minus(submesh.header.origin, self.origin));
         let sixteenths = submesh
             .grid
             .grid_from_local(position)

@@ -75,6 +75,31 @@ impl OuterNode {
         }
     }
 
+    /// The corner of its grid, and steps per unit of length.
+    #[inline(always)]
+    pub(crate) fn grid(&self) -> ([f32; 3], [f32; 3]) {
+        let step = |axis: usize| exp2(-i32::from(self.exponent[axis])) as f32;
+        (self.base, [step(0), step(1), step(2)])
+    }
+
+    /// A child's box in steps of the node's grid.
+    #[inline(always)]
+    pub(crate) fn child_steps(&self, k: usize) -> ([f32; 3], [f32; 3]) {
+        let (lo, hi) = (&self.lo, &self.hi);
+        (
+            [
+                f32::from(lo[0][k]),
+                f32::from(lo[1][k]),
+                f32::from(lo[2][k]),
+            ],
+            [
+                f32::from(hi[0][k]),
+                f32::from(hi[1][k]),
+                f32::from(hi[2][k]),
+            ],
+        )
+    }
+
     /// One child.
     pub fn child(&self, k: usize) -> OuterChild {
         let child = self.child[k];

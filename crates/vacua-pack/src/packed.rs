@@ -49,6 +49,15 @@ impl Nodes {
         }
     }
 
+    /// Some of them, if there are so many.
+    fn slice(&self, places: std::ops::Range<u64>) -> Option<NodeSlice<'_>> {
+        let places = usize::try_from(places.start).ok()?..usize::try_from(places.end).ok()?;
+        match self {
+            Self::MultiLeaves(n) => n.as_slice().get(places).map(NodeSlice::MultiLeaves),
+            Self::MultiNodes(n) => n.as_slice().get(places).map(NodeSlice::MultiNodes),
+        }
+    }
+
     /// One node's boxes and counts, and its first inner child (0 in variant 1).
     #[inline(always)]
     pub fn get(&self, node: usize) -> Option<(&MultiLeaf, u32)> {
@@ -181,7 +190,7 @@ impl PackedMesh {
             grid: Grid::of(header),
             positions: self.positions().get(first..end)?,
             indices: self.indices().from(header.first_index),
-            nodes: &self.nodes,
+            nodes: self.nodes.slice(header.nodes())?,
         })
     }
 
@@ -239,18 +248,42 @@ pub struct Submesh<'a> {
     pub positions: &'a [[f32; 3]],
     /// Its indices, and those of sub-meshes after it.
     pub indices: IndexList<'a>,
-    nodes: &'a Nodes,
+    nodes: NodeSlice<'a>,
+}
+
+/// The nodes of one sub-mesh.
+#[derive(Clone, Copy)]
+enum NodeSlice<'a> {
+    MultiLeaves(&'a [MultiLeaf]),
+    MultiNodes(&'a [MultiNode]),
 }
 
 impl<'a> Submesh<'a> {
     /// One of its nodes.
     #[inline(always)]
     pub fn node(&self, node: u32) -> Option<(&'a MultiLeaf, u32)> {
-        if node >= self.header.num_nodes {
-            return None;
+        match self.nodes {
+            NodeSlice::MultiLeaves(nodes) => nodes.get(node as usize).map(|n| (n, 0)),
+            NodeSlice::MultiNodes(nodes) => {
+                let node = nodes.get(node as usize)?;
+                Some((&node.leaf, node.first_child))
+            }
         }
-        let place = self.header.first_node.checked_add(u64::from(node))?;
-        self.nodes.get(usize::try_from(place).ok()?)
+    }
+
+    /// Asks for a node that will be visited soon.
+    #[inline(always)]
+    pub(crate) fn prefetch_node(&self, node: u32) {
+        match self.nodes {
+            NodeSlice::MultiLeaves(nodes) => vacua_simd::prefetch(nodes, node as usize),
+            NodeSlice::MultiNodes(nodes) => vacua_simd::prefetch(nodes, node as usize),
+        }
+    }
+
+    /// Asks for indices that will be read soon.
+    #[inline(always)]
+    pub(crate) fn prefetch_indices(&self, first: u32) {
+        self.indices.prefetch(first);
     }
 
     /// Calls `visit` with the primitive (see [`PackedCell::index`]), type and vertices of every cell
@@ -293,7 +326,7 @@ impl<'a> Submesh<'a> {
 
     /// What eight indices are: the number of markers at their end says so.
     #[inline(always)]
-    fn other(&self, mut corners: [u32; 8]) -> (CellType, [u32; 8]) {
+    pub(crate) fn other(&self, mut corners: [u32; 8]) -> (CellType, [u32; 8]) {
         if !self.header.has_marker() || corners[7] != self.indices.largest() {
             return (CellType::Hexahedron, corners);
         }

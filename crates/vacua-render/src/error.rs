@@ -43,15 +43,15 @@ pub enum RenderError {
     /// Points of a curvilinear grid that are nowhere.
     #[error("no point of the grid has a finite position")]
     NoPositions,
-    /// A mesh, which this renderer does not take.
-    #[error("an unstructured mesh of {cells} cells; this renderer takes grids only")]
-    Mesh {
-        /// Its cells.
-        cells: usize,
-    },
     /// What renders failed: neither the scene nor the settings are to blame.
     #[error(transparent)]
     Device(Arc<dyn Error + Send + Sync>),
+    /// A mesh that cannot be encoded.
+    #[error("the mesh cannot be encoded")]
+    Encode(#[from] vacua_pack::EncodeError),
+    /// A field that cannot be encoded.
+    #[error("the field cannot be encoded")]
+    Field(#[from] vacua_pack::PackFieldError),
     /// Threads could not be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {

@@ -17,6 +17,7 @@ mod frame;
 mod hexahedron;
 mod march;
 mod overlay;
+mod packed;
 mod point;
 mod sampler;
 mod scene;

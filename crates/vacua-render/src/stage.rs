@@ -16,6 +16,7 @@ use vacua_volume::{
 use crate::blocks::Strides;
 use crate::curvilinear::{CellValues, CurvilinearCells};
 use crate::error::RenderError;
+use crate::packed::PackedCells;
 use crate::sampler::Voxels;
 use crate::scene::{Integrator, SkipMethod};
 use crate::space::RaySpace;
@@ -28,6 +29,8 @@ pub(crate) struct VolumeStage {
     pub space: RaySpace,
     /// Where the cells are, if not between axis-aligned planes.
     pub curvilinear: Option<CurvilinearCells>,
+    /// The cells, if they are those of a mesh.
+    pub packed: Option<PackedCells>,
     pub strides: Strides,
     /// Range of the finite values; `None` if there are none.
     pub range: Option<ValueRange>,
@@ -42,7 +45,7 @@ pub(crate) struct VolumeStage {
 impl VolumeStage {
     /// Prepares a volume for transfer functions of one scale.
     pub fn new(volume: Arc<Volume>, scale: ValueScale) -> Result<Self, RenderError> {
-        let mut curvilinear = None;
+        let (mut curvilinear, mut packed) = (None, None);
         let space = match &**volume.geometry() {
             Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
             Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
@@ -52,9 +55,8 @@ impl VolumeStage {
                 cells.space.clone()
             }
             Geometry::Unstructured(mesh) => {
-                return Err(RenderError::Mesh {
-                    cells: mesh.num_cells(),
-                });
+                let cells = packed.insert(PackedCells::encode(mesh, &volume)?);
+                cells.space.clone()
             }
         };
         let profile = volume.scalars().profile(0);
@@ -65,9 +67,10 @@ impl VolumeStage {
             }
             _ => ValueMap::IDENTITY,
         };
-        let strides = match &curvilinear {
-            Some(cells) => cells.strides()?,
-            None => Strides::new(&space.axes, space.finest.to_array()),
+        let strides = match (&curvilinear, &packed) {
+            (Some(cells), _) => cells.strides()?,
+            (None, Some(cells)) => cells.strides.clone(),
+            (None, None) => Strides::new(&space.axes, space.finest.to_array()),
         };
         let macrocells = BTreeMap::new();
         Ok(Self {
@@ -75,6 +78,7 @@ impl VolumeStage {
             scale,
             space,
             curvilinear,
+            packed,
             strides,
             range,
             plain: profile.plain,
@@ -101,6 +105,10 @@ impl VolumeStage {
                 let lattice = Lattice::new(self.space.axes.clone(), side)?;
                 if let Some(cells) = &self.curvilinear {
                     let cells = Arc::new(cells.macrocells(lattice, &self.cell_values()));
+                    return Ok(self.keep(side, cells, start));
+                }
+                if let Some(cells) = &self.packed {
+                    let cells = Arc::new(cells.macrocells(lattice, self.map));
                     return Ok(self.keep(side, cells, start));
                 }
                 let source = PointSource {

@@ -46,6 +46,10 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
         return;
     }
     let map = volume.wide_map();
+    if let Some(cells) = &volume.packed {
+        bands(pass, &cells.sampler(map), frame);
+        return;
+    }
     let blanked_cells = volume.volume.blanked_cells().map(|m| &**m);
     let axes = &volume.space.axes;
     let grid = Grid {

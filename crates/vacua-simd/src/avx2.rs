@@ -205,6 +205,44 @@ impl Float for F {
         simd!(Self(_mm256_set1_ps(first), _mm256_set1_ps(second)))
     }
     #[inline(always)]
+    fn lowest(self) -> f32 {
+        simd! {
+            let half = _mm256_min_ps(self.0, self.1);
+            let four = _mm_min_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps::<1>(half));
+            let two = _mm_min_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_min_ss(two, _mm_movehdup_ps(two)))
+        }
+    }
+    #[inline(always)]
+    fn highest(self) -> f32 {
+        simd! {
+            let half = _mm256_max_ps(self.0, self.1);
+            let four = _mm_max_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps::<1>(half));
+            let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))
+        }
+    }
+    #[inline(always)]
+    fn permute(self, index: I) -> Self {
+        simd! {
+            // The sign of a blend's mask is bit 3 of the index.
+            let half_0 = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index.0));
+            let half_1 = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index.1));
+            Self(
+                _mm256_blendv_ps(
+                    _mm256_permutevar8x32_ps(self.0, index.0),
+                    _mm256_permutevar8x32_ps(self.1, index.0),
+                    half_0,
+                ),
+                _mm256_blendv_ps(
+                    _mm256_permutevar8x32_ps(self.0, index.1),
+                    _mm256_permutevar8x32_ps(self.1, index.1),
+                    half_1,
+                ),
+            )
+        }
+    }
+    #[inline(always)]
     fn add_blocks(self, x: Self) -> Self {
         simd! {
             Self(_mm256_add_ps(_mm256_add_ps(self.0, x.0), x.1), _mm256_setzero_ps())
@@ -397,6 +435,53 @@ unsafe fn eight_pairs(base: *const f32, offsets: __m256i) -> (__m256, __m256) {
     }
 }
 
+/// [`Simd::gather_points`] where the last point, or none, is among them.
+#[cold]
+fn clamped_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
+    let found = crate::Portable::gather_points(points, index);
+    [
+        F::from_array(found[0].to_array()),
+        F::from_array(found[1].to_array()),
+        F::from_array(found[2].to_array()),
+    ]
+}
+
+/// The coordinates of eight points, axis by axis.
+///
+/// # Safety
+/// Each of the eight numbers from `index[from]` on is of a point of the slice at `base`, and not of
+/// the last one.
+#[inline(always)]
+unsafe fn eight_points(
+    base: *const [f32; 3],
+    index: &[u32; LANES],
+    from: usize,
+) -> (__m256, __m256, __m256) {
+    // SAFETY: the caller's promise: four numbers can be read at each point.
+    unsafe {
+        macro_rules! two {
+            ($i:expr) => {
+                _mm256_insertf128_ps::<1>(
+                    _mm256_castps128_ps256(_mm_loadu_ps(
+                        base.add(index[from + $i] as usize).cast(),
+                    )),
+                    _mm_loadu_ps(base.add(index[from + $i + 4] as usize).cast()),
+                )
+            };
+        }
+        let (a, b, c, d) = (two!(0), two!(1), two!(2), two!(3));
+        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+        let (ab, cd) = (_mm256_castps_pd(ab), _mm256_castps_pd(cd));
+        let (ab_z, cd_z) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+        let (ab_z, cd_z) = (_mm256_castps_pd(ab_z), _mm256_castps_pd(cd_z));
+        (
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab, cd)),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(ab, cd)),
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab_z, cd_z)),
+        )
+    }
+}
+
 impl Simd for Avx2 {
     type F = F;
     type I = I;
@@ -442,6 +527,36 @@ impl Simd for Avx2 {
             I(
                 _mm256_i32gather_epi32::<4>(slice.as_ptr().cast(), index.0),
                 _mm256_i32gather_epi32::<4>(slice.as_ptr().cast(), index.1),
+            )
+        }
+    }
+    #[inline(always)]
+    fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
+        // Points are loaded as four numbers, of which the last belongs to the next point.
+        let limit = points.len().saturating_sub(1);
+        let mut largest = 0;
+        for &i in index {
+            largest = i.max(largest);
+        }
+        if largest as usize >= limit {
+            return clamped_points(points, index);
+        }
+        let base = points.as_ptr();
+        // SAFETY: every number is below that of the last point, so that the point and one number
+        // more lie within the slice.
+        unsafe {
+            let (x0, y0, z0) = eight_points(base, index, 0);
+            let (x1, y1, z1) = eight_points(base, index, BLOCK);
+            [F(x0, x1), F(y0, y1), F(z0, z1)]
+        }
+    }
+    #[inline(always)]
+    fn nibbles(bytes: [u8; BLOCK]) -> I {
+        simd! {
+            let bytes = _mm256_cvtepu8_epi32(_mm_set1_epi64x(i64::from_le_bytes(bytes)));
+            I(
+                _mm256_and_si256(bytes, _mm256_set1_epi32(15)),
+                _mm256_srli_epi32::<4>(bytes),
             )
         }
     }

@@ -197,6 +197,18 @@ impl Float for F {
         second.select(M(0xff00), first)
     }
     #[inline(always)]
+    fn lowest(self) -> f32 {
+        simd!(_mm512_reduce_min_ps(self.0))
+    }
+    #[inline(always)]
+    fn highest(self) -> f32 {
+        simd!(_mm512_reduce_max_ps(self.0))
+    }
+    #[inline(always)]
+    fn permute(self, index: I) -> Self {
+        Self(simd!(_mm512_permutexvar_ps(index.0, self.0)))
+    }
+    #[inline(always)]
     fn add_blocks(self, x: Self) -> Self {
         simd! {
             let sum = _mm256_add_ps(_mm512_castps512_ps256(self.0), _mm512_castps512_ps256(x.0));
@@ -267,6 +279,17 @@ fn low(v: __m512i) -> __m256i {
 #[inline(always)]
 fn high(v: __m512i) -> __m256i {
     simd!(_mm512_extracti64x4_epi64::<1>(v))
+}
+
+/// [`Simd::gather_points`] where the last point, or none, is among them.
+#[cold]
+fn clamped_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
+    let found = crate::Portable::gather_points(points, index);
+    [
+        F::from_array(found[0].to_array()),
+        F::from_array(found[1].to_array()),
+        F::from_array(found[2].to_array()),
+    ]
 }
 
 /// Joins two halves.
@@ -542,6 +565,58 @@ impl Simd for Avx512 {
     unsafe fn gather_u32(slice: &[u32], index: I) -> I {
         // SAFETY: the caller keeps every index within the slice.
         I(unsafe { _mm512_i32gather_epi32::<4>(index.0, slice.as_ptr().cast()) })
+    }
+    #[inline(always)]
+    fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
+        // Points are loaded as four numbers, of which the last belongs to the next point.
+        let limit = u32::try_from(points.len())
+            .unwrap_or(u32::MAX)
+            .saturating_sub(1);
+        // SAFETY: the features are there; `index` has sixteen numbers.
+        let within = unsafe {
+            let index = _mm512_loadu_si512(index.as_ptr().cast());
+            _mm512_cmplt_epu32_mask(index, _mm512_set1_epi32(limit as i32))
+        };
+        if within != u16::MAX {
+            return clamped_points(points, index);
+        }
+        let base = points.as_ptr();
+        // SAFETY: every number is below that of the last point, so that the point and one number
+        // more lie within the slice.
+        unsafe {
+            macro_rules! load {
+                ($i:expr) => {
+                    _mm_loadu_ps(base.add(index[$i] as usize).cast())
+                };
+            }
+            macro_rules! four {
+                ($i:expr) => {{
+                    let v = _mm512_castps128_ps512(load!($i));
+                    let v = _mm512_insertf32x4::<1>(v, load!($i + 4));
+                    let v = _mm512_insertf32x4::<2>(v, load!($i + 8));
+                    _mm512_insertf32x4::<3>(v, load!($i + 12))
+                }};
+            }
+            let (a, b, c, d) = (four!(0), four!(1), four!(2), four!(3));
+            let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
+            let (ab, cd) = (_mm512_castps_pd(ab), _mm512_castps_pd(cd));
+            let (ab_z, cd_z) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
+            let (ab_z, cd_z) = (_mm512_castps_pd(ab_z), _mm512_castps_pd(cd_z));
+            [
+                F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab, cd))),
+                F(_mm512_castpd_ps(_mm512_unpackhi_pd(ab, cd))),
+                F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab_z, cd_z))),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn nibbles(bytes: [u8; BLOCK]) -> I {
+        simd! {
+            let bytes = _mm_set1_epi64x(i64::from_le_bytes(bytes));
+            let by = _mm512_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0, 4, 4, 4, 4, 4, 4, 4, 4);
+            let shifted = _mm512_srlv_epi32(_mm512_cvtepu8_epi32(bytes), by);
+            I(_mm512_and_si512(shifted, _mm512_set1_epi32(15)))
+        }
     }
     #[inline(always)]
     fn bit_of_1024(bits: &[u32; 32], index: I) -> M {

@@ -96,6 +96,12 @@ pub trait Simd: Copy + Debug + 'static {
     /// Every index lies within the slice.
     unsafe fn gather_u32(slice: &[u32], index: Self::I) -> Self::I;
 
+    /// Three coordinates a lane, axis by axis, of the points with these numbers. A number past the end
+    /// stands for the last point; without any point all is 0.
+    fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [Self::F; 3];
+    /// The lower halves of eight bytes in the lanes of the first block, their upper halves in those of
+    /// the second.
+    fn nibbles(bytes: [u8; BLOCK]) -> Self::I;
     /// Bit `i` of 1024 a lane: `bits[i / 32] >> i % 32 & 1`, with `i` modulo 1024.
     fn bit_of_1024(bits: &[u32; 32], index: Self::I) -> Self::M;
 
@@ -129,6 +135,24 @@ pub trait Simd: Copy + Debug + 'static {
         mask: Self::M,
         map: Option<WideMap>,
     ) -> Self::F;
+}
+
+/// Asks for the cache line of an element that will be read soon; nothing if there is no such element.
+#[inline(always)]
+pub fn prefetch<T>(slice: &[T], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(element) = slice.get(index) {
+        let first = std::ptr::from_ref(element).cast::<i8>();
+        // SAFETY: prefetching has no effect but on caches, and SSE is part of x86-64.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            _mm_prefetch::<_MM_HINT_T0>(first);
+            // An element that is no whole line may end in the next one.
+            _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(size_of::<T>() - 1));
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (slice, index);
 }
 
 /// How a number lies in memory, which decides how it is gathered.
@@ -276,6 +300,12 @@ pub trait Float:
     fn blocks(self) -> [[f32; BLOCK]; 2];
     /// `first` in the lanes of the first block, `second` in those of the second.
     fn of_blocks(first: f32, second: f32) -> Self;
+    /// The lowest of all lanes, none of which may be NaN; which of two zeros is not said.
+    fn lowest(self) -> f32;
+    /// The highest of all lanes, none of which may be NaN; which of two zeros is not said.
+    fn highest(self) -> f32;
+    /// `self[index]` a lane; of an index only the lowest four bits count.
+    fn permute(self, index: Self::I) -> Self;
     /// Adds the first block of `x`, then the second, to the first block of `self`; the second
     /// block of the result is 0.
     fn add_blocks(self, x: Self) -> Self;

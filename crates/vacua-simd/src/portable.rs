@@ -201,6 +201,22 @@ impl Float for F {
         Self(from_fn(|i| if i < BLOCK { first } else { second }))
     }
     #[inline(never)]
+    fn lowest(self) -> f32 {
+        self.0
+            .iter()
+            .fold(self.0[0], |a, &b| if b < a { b } else { a })
+    }
+    #[inline(never)]
+    fn highest(self) -> f32 {
+        self.0
+            .iter()
+            .fold(self.0[0], |a, &b| if b > a { b } else { a })
+    }
+    #[inline(never)]
+    fn permute(self, index: I) -> Self {
+        Self(from_fn(|i| self.0[(index.0[i] & 15) as usize]))
+    }
+    #[inline(never)]
     fn add_blocks(self, x: Self) -> Self {
         let sum = |i: usize| self.0[i] + x.0[i] + x.0[BLOCK + i];
         Self(from_fn(|i| if i < BLOCK { sum(i) } else { 0.0 }))
@@ -310,6 +326,30 @@ impl Simd for Portable {
             debug_assert!((index.0[i] as usize) < slice.len());
             // SAFETY: the caller's promise.
             unsafe { *slice.get_unchecked(index.0[i] as usize) as i32 }
+        }))
+    }
+    #[inline(never)]
+    fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
+        let Some(last) = points.len().checked_sub(1) else {
+            return [F([0.0; LANES]); 3];
+        };
+        let mut found = [F([0.0; LANES]); 3];
+        for lane in 0..LANES {
+            let point = points[(index[lane] as usize).min(last)];
+            for axis in 0..3 {
+                found[axis].0[lane] = point[axis];
+            }
+        }
+        found
+    }
+    #[inline(never)]
+    fn nibbles(bytes: [u8; BLOCK]) -> I {
+        I(from_fn(|i| {
+            i32::from(if i < BLOCK {
+                bytes[i] & 15
+            } else {
+                bytes[i - BLOCK] >> 4
+            })
         }))
     }
     #[inline(never)]

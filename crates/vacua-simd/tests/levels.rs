@@ -45,6 +45,8 @@ impl Kernel for Operations {
             S::f_from_i(a.to_i()),
             S::F::of_blocks(self.a[3], self.b[5]),
             a.add_blocks(b),
+            a.permute(i),
+            S::f_from_i(S::nibbles(std::array::from_fn(|k| self.i[k] as u8))),
         ];
         let shifts = j.and(S::I::splat(31));
         let ints = [
@@ -67,6 +69,11 @@ impl Kernel for Operations {
         out.extend([u32::from(m.to_bits()), u32::from(n.to_bits())]);
         out.push(u32::from(in_bits.to_bits()));
         out.extend(ends.map(f32::to_bits));
+        let finite = a.abs().le(S::F::splat(f32::MAX));
+        // Adding 0 makes one zero of two.
+        out.extend(
+            [a.or_zero(finite).lowest(), a.or_zero(finite).highest()].map(|v| (v + 0.0).to_bits()),
+        );
         out.extend(c.blocks().as_flattened().iter().map(|v| v.to_bits()));
         out
     }
@@ -165,5 +172,38 @@ proptest! {
             u32 => |s| s as u32, i32 => |s| s as i32, u64 => |s| s, i64 => |s| s as i64,
             f32 => |s| s as u32 as f32 * 0.37 - 1e6,
             PlainF32 => |s| PlainF32::of(&[s as u32 as f32 * 0.37 - 1e6])[0], f64 => |s| s as f64 * 0.37 - 1e9);
+    }
+}
+
+/// Points by number.
+struct Points<'a>(&'a [[f32; 3]], [u32; LANES]);
+
+impl Kernel for Points<'_> {
+    type Output = [[f32; LANES]; 3];
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Self::Output {
+        let [x, y, z] = S::gather_points(self.0, &self.1);
+        [x.to_array(), y.to_array(), z.to_array()]
+    }
+}
+
+proptest! {
+    #[test]
+    fn points_are_gathered_and_never_past_the_end(
+        len in 0usize..40,
+        index in prop::array::uniform16(prop_oneof![4 => 0u32..40, 1 => any::<u32>()]),
+        tame in any::<bool>(),
+    ) {
+        let points: Vec<[f32; 3]> = (0..len).map(|i| [0, 1, 2].map(|a| (3 * i + a) as f32)).collect();
+        let index = index.map(|i| if tame { i % (len as u32).max(1) } else { i });
+        for level in Level::available() {
+            let found = dispatch_at(level, Points(&points, index));
+            for lane in 0..LANES {
+                let point = points.get((index[lane] as usize).min(len.saturating_sub(1)));
+                for axis in 0..3 {
+                    prop_assert_eq!(found[axis][lane], point.map_or(0.0, |p| p[axis]));
+                }
+            }
+        }
     }
 }

@@ -13,7 +13,12 @@ fn reference(cell_type: CellType) -> Vec<[f64; 3]> {
     }
 }
 
-fn moved(cell_type: CellType, jitter: &[[f64; 3]], scale: f64, shift: [f64; 3]) -> [[f32; 3]; 8] {
+pub(super) fn moved(
+    cell_type: CellType,
+    jitter: &[[f64; 3]],
+    scale: f64,
+    shift: [f64; 3],
+) -> [[f32; 3]; 8] {
     let mut corners = [[0.0; 3]; 8];
     for (k, c) in reference(cell_type).iter().enumerate() {
         corners[k] = [0, 1, 2].map(|i| (scale * (c[i] + jitter[k][i] + shift[i])) as f32);
@@ -21,7 +26,7 @@ fn moved(cell_type: CellType, jitter: &[[f64; 3]], scale: f64, shift: [f64; 3]) 
     corners
 }
 
-fn jitter(amplitude: f64) -> impl Strategy<Value = Vec<[f64; 3]>> {
+pub(super) fn jitter(amplitude: f64) -> impl Strategy<Value = Vec<[f64; 3]>> {
     prop::collection::vec(prop::array::uniform3(-amplitude..amplitude), 8)
 }
 

@@ -1,0 +1,335 @@
+//! Packed unstructured meshes in the renderer: their ray space, strides, macrocells and sampler.
+//!
+//! Ray space is the mesh's own space, moved to its lower corner and scaled by a power of two, so that
+//! its unit cubes hold a few cells each; the cubes are what macrocells and strides are made of. A
+//! place in ray space becomes one of the mesh by one fused multiplication and addition, rounded
+//! once: that is where the sample is.
+
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+use vacua_pack::layout::{Child, WIDTH};
+use vacua_pack::{BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, Submesh, encode};
+use vacua_simd::{Float, Mask, Simd, WideMap, per_axis};
+use vacua_skip::{Axis, Lattice, Macrocells};
+use vacua_volume::{CellType, UnstructuredMesh, ValueMap, Volume};
+
+use crate::blocks::{LatticeMinima, Strides};
+use crate::error::RenderError;
+use crate::sampler::Sampler;
+use crate::space::RaySpace;
+
+/// Cells in a cube of the lattice, at least, were they all alike: a byte a cell for strides at most.
+const CELLS_PER_CUBE: f64 = 4.0;
+/// Most cubes along an axis.
+const MAX_CUBES: f64 = 1024.0;
+/// Cubes a side that are taken together for the smallest cell size there is.
+const POOL: usize = 4;
+/// The smallest cell size that sampling follows is the lattice's diagonal over this.
+const MAX_RESOLUTION: f64 = (1 << 20) as f64;
+
+/// A mesh with a field, encoded, ready to be sampled.
+pub(crate) struct PackedCells {
+    pub space: RaySpace,
+    pub strides: Strides,
+    mesh: PackedMesh,
+    field: PackedField,
+    /// Side of a lattice cube, a power of two.
+    cube: f32,
+    /// Lower corner of the lattice, relative to the mesh's origin.
+    corner: [f32; 3],
+}
+
+impl std::fmt::Debug for PackedCells {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PackedCells")
+            .field("cells", &self.mesh.num_cells())
+            .field("cube", &self.cube)
+            .finish_non_exhaustive()
+    }
+}
+
+impl PackedCells {
+    /// Encodes a mesh and the scalars of a volume.
+    ///
+    /// # Errors
+    /// [`RenderError::NoPositions`] if no cell is anywhere, [`RenderError::Encode`] or
+    /// [`RenderError::Field`] if it cannot be encoded.
+    pub fn encode(mesh: &UnstructuredMesh, volume: &Volume) -> Result<Self, RenderError> {
+        let encoded = encode(mesh, EncodeOptions::default())?;
+        let field = PackedField::pack(
+            &encoded.mesh,
+            &encoded.map,
+            volume.name(),
+            volume.association(),
+            volume.scalars(),
+        )?;
+        Self::new(encoded.mesh, field)
+    }
+
+    /// Prepares an encoded mesh.
+    ///
+    /// # Errors
+    /// [`RenderError::NoPositions`] if no cell is anywhere.
+    pub fn new(mesh: PackedMesh, field: PackedField) -> Result<Self, RenderError> {
+        let headers = mesh.submeshes();
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for header in headers {
+            for a in 0..3 {
+                lo[a] = lo[a].min(header.lo[a]);
+                hi[a] = hi[a].max(header.hi[a]);
+            }
+        }
+        let (lower, upper) = (
+            DVec3::from(lo.map(f64::from)),
+            DVec3::from(hi.map(f64::from)),
+        );
+        if !(lower.is_finite() && upper.is_finite()) {
+            return Err(RenderError::NoPositions);
+        }
+        let cube = cube_size(upper - lower, mesh.num_cells() as f64);
+        let counts = (upper - lower) / cube;
+        let axes = counts.to_array().map(|n| Axis::Unit {
+            cells: (n.ceil() as usize).max(1),
+        });
+        let origin = DVec3::from(mesh.origin()) + lower;
+        let matrix = DMat3::from_diagonal(DVec3::splat(cube.recip()));
+        let mut cells = Self {
+            space: RaySpace {
+                ray_from_world: DAffine3::from_mat3_translation(matrix, -origin / cube),
+                axes,
+                finest: DVec3::ONE,
+            },
+            strides: Strides::Constant,
+            mesh,
+            field,
+            cube: cube as f32,
+            corner: lo,
+        };
+        let (finest, strides) = cells.sizes()?;
+        cells.space.finest = DVec3::splat(finest);
+        cells.strides = strides;
+        Ok(cells)
+    }
+
+    /// The lattice of cubes.
+    fn lattice(&self) -> Result<Lattice, RenderError> {
+        Ok(Lattice::new(self.space.axes.clone(), 1)?)
+    }
+
+    /// The smallest size of cells anywhere, in ray space, and strides from those everywhere: the
+    /// mean of the cells around, which slivers change little.
+    fn sizes(&self) -> Result<(f64, Strides), RenderError> {
+        let lattice = self.lattice()?;
+        let counts = lattice.counts();
+        let parts: Vec<Vec<(u32, f32)>> = (0..self.mesh.submeshes().len())
+            .into_par_iter()
+            .filter_map(|s| self.mesh.submesh(s))
+            .map(|submesh| self.sizes_in(&submesh, &lattice))
+            .collect();
+        let mut sums = vec![(0.0f32, 0u32); lattice.len()];
+        for (cube, size) in parts.into_iter().flatten() {
+            let sum = &mut sums[cube as usize];
+            *sum = (sum.0 + size, sum.1 + 1);
+        }
+        let pools = counts.map(|n| n.div_ceil(POOL));
+        let mut pooled = vec![(0.0f64, 0u64); pools.iter().product()];
+        for (i, &(sum, count)) in sums.iter().enumerate() {
+            let at = [
+                i % counts[0],
+                i / counts[0] % counts[1],
+                i / counts[0] / counts[1],
+            ]
+            .map(|c| c / POOL);
+            let pool = &mut pooled[at[0] + pools[0] * (at[1] + pools[1] * at[2])];
+            *pool = (pool.0 + f64::from(sum), pool.1 + u64::from(count));
+        }
+        let means = pooled.iter().filter(|pool| pool.1 > 0);
+        let smallest = means
+            .map(|pool| pool.0 / pool.1 as f64)
+            .fold(f64::INFINITY, f64::min);
+        let diagonal = DVec3::from(counts.map(|n| n as f64)).length();
+        let finest = smallest.clamp(diagonal / MAX_RESOLUTION, diagonal);
+        let ratio = |&(sum, count): &(f32, u32)| match count {
+            0 => f32::INFINITY,
+            _ => (f64::from(sum) / f64::from(count) / finest).max(1.0) as f32,
+        };
+        let ratios: Vec<f32> = sums.iter().map(ratio).collect();
+        // Strides are powers of two: unless some cells are twice as large, there is but one.
+        let varies = ratios.iter().any(|&r| r >= 2.0 && r.is_finite());
+        let strides = if varies {
+            Strides::Lattice(LatticeMinima::new(counts, ratios))
+        } else {
+            Strides::Constant
+        };
+        Ok((finest, strides))
+    }
+
+    /// The sizes of a sub-mesh's cells, each in the cube of its middle.
+    fn sizes_in(&self, submesh: &Submesh, lattice: &Lattice) -> Vec<(u32, f32)> {
+        let [nx, ny, _] = lattice.counts();
+        let mut sizes = Vec::new();
+        for node in 0..submesh.header.num_nodes {
+            submesh.cells_of_node(node, |_, cell_type, corners| {
+                let mut positions = [DVec3::ZERO; 8];
+                let mut middle = DVec3::ZERO;
+                let n = cell_type.num_points();
+                for k in 0..n {
+                    let position = submesh.positions.get(corners[k] as usize);
+                    positions[k] = position.map_or(DVec3::NAN, |p| DVec3::from(p.map(f64::from)));
+                    middle += positions[k] / n as f64;
+                }
+                let size = cell_size(cell_type, &positions) / f64::from(self.cube);
+                let middle =
+                    (middle - DVec3::from(self.corner.map(f64::from))) / f64::from(self.cube);
+                if size > 0.0 && size.is_finite() && middle.is_finite() {
+                    let at = [0, 1, 2].map(|a| lattice.macrocell_of(a, middle[a] as f32));
+                    sizes.push(((at[0] + nx * (at[1] + ny * at[2])) as u32, size as f32));
+                }
+            });
+        }
+        sizes
+    }
+
+    /// Ranges of the values that sampling can compute in each macrocell, from those of leaves.
+    pub fn macrocells(&self, lattice: Lattice, map: ValueMap) -> Macrocells {
+        let items: Vec<Vec<_>> = (0..self.mesh.submeshes().len())
+            .into_par_iter()
+            .map(|s| self.leaf_boxes(s, map))
+            .collect();
+        Macrocells::of_boxes(lattice, items.into_iter().flatten())
+    }
+
+    /// Boxes in ray space, widened, and ranges of the leaves of a sub-mesh.
+    fn leaf_boxes(&self, number: usize, map: ValueMap) -> Vec<([[f32; 3]; 2], [f32; 2])> {
+        let mut items = Vec::new();
+        let Some(submesh) = self.mesh.submesh(number) else {
+            return items;
+        };
+        for number_of_node in 0..submesh.header.num_nodes {
+            let Some((node, _)) = submesh.node(number_of_node) else {
+                continue;
+            };
+            for child in (0..WIDTH).filter(|&c| matches!(node.child(c), Child::Leaf(_))) {
+                let range = self
+                    .field
+                    .child_range(&self.mesh, number, number_of_node, child);
+                let Some(range) = range else {
+                    continue;
+                };
+                let (lo, hi) = node.child_box(child);
+                let (lo, hi) = (
+                    submesh.grid.local_from_sixteenths(lo),
+                    submesh.grid.local_from_sixteenths(hi),
+                );
+                // A cell accepts no place outside the box around its own corners.
+                let bounds = [
+                    [0, 1, 2].map(|a| self.ray_below(a, lo[a])),
+                    [0, 1, 2].map(|a| self.ray_above(a, hi[a])),
+                ];
+                items.push((bounds, [map.rendered(range.lo), map.rendered(range.hi)]));
+            }
+        }
+        items
+    }
+
+    /// A ray-space coordinate below all that become `local` or more when they are rounded.
+    fn ray_below(&self, axis: usize, local: f64) -> f32 {
+        let corner = f64::from(self.corner[axis]);
+        let slack = local.abs().max(corner.abs()) * f64::from(f32::EPSILON);
+        (((local - slack - corner) / f64::from(self.cube)) as f32).next_down()
+    }
+
+    /// A ray-space coordinate above all that become `local` or less when they are rounded.
+    fn ray_above(&self, axis: usize, local: f64) -> f32 {
+        let corner = f64::from(self.corner[axis]);
+        let slack = local.abs().max(corner.abs()) * f64::from(f32::EPSILON);
+        (((local + slack - corner) / f64::from(self.cube)) as f32).next_up()
+    }
+
+    /// A sampler of the field.
+    pub fn sampler(&self, map: Option<WideMap>) -> PackedSampler<'_> {
+        PackedSampler {
+            sampler: BlockSampler::new(&self.mesh, &self.field, map),
+            cube: self.cube,
+            corner: self.corner,
+        }
+    }
+}
+
+/// Side of a lattice cube, a power of two: as small as leaves enough cells to a cube, and not too many
+/// cubes along an axis.
+fn cube_size(size: DVec3, num_cells: f64) -> f64 {
+    let largest = size.max_element();
+    if largest <= 0.0 {
+        return 1.0;
+    }
+    let mut cube = (largest / MAX_CUBES).log2().ceil().exp2();
+    let cubes = |cube: f64| (size / cube).ceil().max(DVec3::ONE).element_product();
+    while cube < largest && cubes(cube) > (num_cells / CELLS_PER_CUBE).max(1.0) {
+        cube *= 2.0;
+    }
+    cube
+}
+
+/// How far across a cell is, in its shortest direction; 1 for what cubes of side 1 are cut into.
+fn cell_size(cell_type: CellType, p: &[DVec3; 8]) -> f64 {
+    let edge = |a: usize, b: usize| (p[a] - p[b]).length();
+    match cell_type {
+        CellType::Tetrahedron => {
+            let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+            let volume = a.dot(b.cross(c)).abs();
+            let faces = [a.cross(b), b.cross(c), c.cross(a), (b - a).cross(c - a)];
+            let largest = faces.iter().fold(0.0, |m, f| f64::max(m, f.length()));
+            // The least height, which is half the diagonal of a face of the cube.
+            std::f64::consts::SQRT_2 * volume / largest
+        }
+        CellType::Pyramid => {
+            let along = (edge(0, 1) + edge(2, 3)) / 2.0;
+            let across = (edge(1, 2) + edge(3, 0)) / 2.0;
+            let up = (0..4).map(|k| edge(k, 4)).sum::<f64>() / 4.0;
+            along.min(across).min(up)
+        }
+        CellType::Wedge => {
+            let around = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3)];
+            let around = around.iter().map(|&(a, b)| edge(a, b)).sum::<f64>() / 6.0;
+            let up = (edge(0, 3) + edge(1, 4) + edge(2, 5)) / 3.0;
+            around.min(up)
+        }
+        CellType::Hexahedron => {
+            let along = edge(0, 1) + edge(3, 2) + edge(4, 5) + edge(7, 6);
+            let across = edge(0, 3) + edge(1, 2) + edge(4, 7) + edge(5, 6);
+            let up = edge(0, 4) + edge(1, 5) + edge(2, 6) + edge(3, 7);
+            along.min(across).min(up) / 4.0
+        }
+    }
+}
+
+/// Values and gradients of a packed mesh.
+pub(crate) struct PackedSampler<'a> {
+    sampler: BlockSampler<'a>,
+    cube: f32,
+    corner: [f32; 3],
+}
+
+impl Sampler for PackedSampler<'_> {
+    type Place = Located;
+
+    #[inline(always)]
+    fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Located) {
+        let cube = S::F::splat(self.cube);
+        let places = per_axis!(a => at[a].mul_add(cube, S::F::splat(self.corner[a])).to_array());
+        let sampled = self.sampler.sample(&places, lanes.to_bits());
+        (
+            S::F::from_array(sampled.values),
+            S::M::from_bits(sampled.valid),
+            sampled.located,
+        )
+    }
+
+    #[inline(always)]
+    fn gradient<S: Simd>(&self, _: [S::F; 3], place: &Located) -> [S::F; 3] {
+        let gradients = self.sampler.gradients(place);
+        let cube = S::F::splat(self.cube);
+        per_axis!(a => S::F::from_array(gradients[a]) * cube)
+    }
+}
