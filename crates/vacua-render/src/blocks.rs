@@ -24,7 +24,7 @@ const CHUNK_BLOCKS: u32 = 4;
 
 /// Rays whose blocks are sampled before they are added up, so many that a few empty ones among them
 /// cost little, so few that their values stay in the first-level cache.
-const GROUP_RAYS: usize = 24;
+const GROUP_RAYS: usize = 16;
 
 /// The same where blocks vary in length, and are made a window at a time.
 const WINDOW_RAYS: usize = 2;
@@ -67,7 +67,7 @@ pub(crate) trait Visit<S: Simd> {
         ray: usize,
         state: &mut Self::State,
         pair: BlockPair,
-        sampled: &Sampled<S, Self::Place>,
+        sampled: Sampled<S, &Self::Place>,
     ) -> bool;
 }
 
@@ -259,12 +259,10 @@ impl Partition<'_> {
             len: 0,
         };
         let mut maybe_seen = [0u8; GROUP_PAIRS];
-        let mut sampled = [Sampled::<S, V::Place> {
-            value: S::F::splat(0.0),
-            seen: S::M::from_bits(0),
-            lanes: S::M::from_bits(0),
-            place: V::Place::default(),
-        }; GROUP_PAIRS];
+        // Arrays of their own, as close together as the cache likes them.
+        let mut values = [S::F::splat(0.0); GROUP_PAIRS];
+        let mut lanes = [[S::M::from_bits(0); 2]; GROUP_PAIRS];
+        let mut places = [V::Place::default(); GROUP_PAIRS];
         let live = || self.tile.rays.iter().filter(|ray| !ray.is_empty());
         let begin = live().map(SampleRay::first_block).min().unwrap_or(0);
         let end = live().map(SampleRay::end_block).max().unwrap_or(0);
@@ -309,10 +307,13 @@ impl Partition<'_> {
                     let mut num_seen = 0;
                     for (n, (i, pair)) in pairs.pairs[..pairs.len].iter().enumerate() {
                         let i = usize::from(*i) % TILE_RAYS;
-                        sampled[n] = visit.sample(i, *pair);
-                        samples[i] += sampled[n].lanes.to_bits().count_ones();
+                        let sampled = visit.sample(i, *pair);
+                        samples[i] += sampled.lanes.to_bits().count_ones();
+                        values[n] = sampled.value;
+                        lanes[n] = [sampled.seen, sampled.lanes];
+                        places[n] = sampled.place;
                         maybe_seen[num_seen] = n as u8;
-                        num_seen += usize::from(sampled[n].seen.any());
+                        num_seen += usize::from(sampled.seen.any());
                     }
                     for &n in &maybe_seen[..num_seen] {
                         let n = usize::from(n);
@@ -321,7 +322,13 @@ impl Partition<'_> {
                         if rays[i].is_empty() {
                             continue;
                         }
-                        if !visit.add(i, &mut states[i], pair, &sampled[n]) {
+                        let sampled = Sampled {
+                            value: values[n],
+                            seen: lanes[n][0],
+                            lanes: lanes[n][1],
+                            place: &places[n],
+                        };
+                        if !visit.add(i, &mut states[i], pair, sampled) {
                             (rays[i], set[i], waiting[i]) = (SampleRay::NONE, 0, NO_BLOCK);
                         }
                     }
@@ -474,7 +481,7 @@ mod tests {
             _: usize,
             blocks: &mut Self::State,
             pair: BlockPair,
-            _: &Sampled<Portable, ()>,
+            _: Sampled<Portable, &()>,
         ) -> bool {
             for block in 0..2 {
                 if pair.stride[block] > 0.0 {

@@ -162,8 +162,10 @@ pub(crate) struct Composite<'a, S, V> {
 #[derive(Clone, Copy)]
 pub(crate) struct Composited<S: Simd> {
     transmittance: f32,
-    color: [S::F; 3],
+    /// A sum a lane of a block.
+    color: [[f32; BLOCK]; 3],
     depth_sample: Option<u32>,
+    simd: PhantomData<S>,
 }
 
 impl<S: Simd> Composited<S> {
@@ -172,15 +174,16 @@ impl<S: Simd> Composited<S> {
     pub fn new() -> Self {
         Self {
             transmittance: 1.0,
-            color: [S::F::splat(0.0); 3],
+            color: [[0.0; BLOCK]; 3],
             depth_sample: None,
+            simd: PhantomData,
         }
     }
 
     #[inline(always)]
     pub fn finish(&self, samples: u32) -> RayResult {
         let [r, g, b] = per_axis!(i => {
-            let [[a, b, c, d, e, f, g, h], _] = self.color[i].blocks();
+            let [a, b, c, d, e, f, g, h] = self.color[i];
             ((a + b) + (c + d)) + ((e + f) + (g + h))
         });
         RayResult {
@@ -234,7 +237,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
         i: usize,
         state: &mut Composited<S>,
         pair: BlockPair,
-        sampled: &Sampled<S, V::Place>,
+        sampled: Sampled<S, &V::Place>,
     ) -> bool {
         let table_place = table_place::<S>(self.table, sampled.value);
         let extinction = table_place.lookup(self.table.extinction());
@@ -255,12 +258,14 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
         let mut rgb = per_axis!(c => table_place.lookup(self.table.rgb(c)));
         if let Some(lights) = self.lights {
             let at = positions::<S>(&self.tile.lanes[i], numbers::<S>(pair));
-            let gradient = self.sampler.gradient::<S>(at, &sampled.place);
+            let gradient = self.sampler.gradient::<S>(at, sampled.place);
             let (factor, white) = lights[i].shade::<S>(gradient);
             rgb = per_axis!(c => rgb[c].mul_add(factor, white));
         }
         for c in 0..3 {
-            state.color[c] = state.color[c].add_blocks((weight * rgb[c]).or_zero(seen));
+            (weight * rgb[c])
+                .or_zero(seen)
+                .add_blocks_to(&mut state.color[c]);
         }
         state.transmittance = if a_ends { front_b } else { front_b * through_b };
         if state.depth_sample.is_none() && state.transmittance <= 0.5 {
@@ -348,7 +353,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Maximum<'_, S, V> {
         _: usize,
         state: &mut Largest<S>,
         pair: BlockPair,
-        sampled: &Sampled<S, V::Place>,
+        sampled: Sampled<S, &V::Place>,
     ) -> bool {
         let k = numbers::<S>(pair);
         let better = sampled.seen & state.best.lt(sampled.value);

@@ -243,9 +243,10 @@ impl Float for F {
         }
     }
     #[inline(always)]
-    fn add_blocks(self, x: Self) -> Self {
+    fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
         simd! {
-            Self(_mm256_add_ps(_mm256_add_ps(self.0, x.0), x.1), _mm256_setzero_ps())
+            let sum = _mm256_add_ps(_mm256_loadu_ps(sums.as_ptr()), self.0);
+            _mm256_storeu_ps(sums.as_mut_ptr(), _mm256_add_ps(sum, self.1));
         }
     }
 }

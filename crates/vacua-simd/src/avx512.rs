@@ -209,11 +209,12 @@ impl Float for F {
         Self(simd!(_mm512_permutexvar_ps(index.0, self.0)))
     }
     #[inline(always)]
-    fn add_blocks(self, x: Self) -> Self {
+    fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
         simd! {
-            let sum = _mm256_add_ps(_mm512_castps512_ps256(self.0), _mm512_castps512_ps256(x.0));
-            let sum = _mm256_add_ps(sum, _mm512_extractf32x8_ps::<1>(x.0));
-            F(_mm512_zextps256_ps512(sum))
+            let sum = _mm256_loadu_ps(sums.as_ptr());
+            let sum = _mm256_add_ps(sum, _mm512_castps512_ps256(self.0));
+            let sum = _mm256_add_ps(sum, _mm512_extractf32x8_ps::<1>(self.0));
+            _mm256_storeu_ps(sums.as_mut_ptr(), sum);
         }
     }
 }

@@ -306,9 +306,8 @@ pub trait Float:
     fn highest(self) -> f32;
     /// `self[index]` a lane; of an index only the lowest four bits count.
     fn permute(self, index: Self::I) -> Self;
-    /// Adds the first block of `x`, then the second, to the first block of `self`; the second
-    /// block of the result is 0.
-    fn add_blocks(self, x: Self) -> Self;
+    /// Adds the first block, then the second, to sums.
+    fn add_blocks_to(self, sums: &mut [f32; BLOCK]);
 }
 
 /// Sixteen `i32`, wrapping.

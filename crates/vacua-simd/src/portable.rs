@@ -217,9 +217,10 @@ impl Float for F {
         Self(from_fn(|i| self.0[(index.0[i] & 15) as usize]))
     }
     #[inline(never)]
-    fn add_blocks(self, x: Self) -> Self {
-        let sum = |i: usize| self.0[i] + x.0[i] + x.0[BLOCK + i];
-        Self(from_fn(|i| if i < BLOCK { sum(i) } else { 0.0 }))
+    fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
+        for (i, sum) in sums.iter_mut().enumerate() {
+            *sum = *sum + self.0[i] + self.0[BLOCK + i];
+        }
     }
 }
 

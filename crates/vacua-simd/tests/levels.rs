@@ -44,7 +44,6 @@ impl Kernel for Operations {
             S::f_from_bits(a.to_bits()),
             S::f_from_i(a.to_i()),
             S::F::of_blocks(self.a[3], self.b[5]),
-            a.add_blocks(b),
             a.permute(i),
             S::f_from_i(S::nibbles(std::array::from_fn(|k| self.i[k] as u8))),
         ];
@@ -68,6 +67,9 @@ impl Kernel for Operations {
         out.extend(ints.iter().flat_map(|i| i.to_array()).map(|v| v as u32));
         out.extend([u32::from(m.to_bits()), u32::from(n.to_bits())]);
         out.push(u32::from(in_bits.to_bits()));
+        let [mut sums, _] = a.blocks();
+        b.add_blocks_to(&mut sums);
+        out.extend(sums.map(f32::to_bits));
         out.extend(ends.map(f32::to_bits));
         let finite = a.abs().le(S::F::splat(f32::MAX));
         // Adding 0 makes one zero of two.
