@@ -245,3 +245,40 @@ fn a_mesh_is_not_rendered_in_silence() {
         "{message}"
     );
 }
+
+#[test]
+fn meshes_are_rendered_encoded_ones_not() {
+    let folder = folder();
+    let in_folder = |name: &str| text(&folder.path().join(name));
+    let (mesh, packed, picture) = (
+        in_folder("ocean.vtu"),
+        in_folder("ocean.vacua"),
+        in_folder("ocean.png"),
+    );
+    succeed(&["synth", "ocean", "--size", "12", "-o", &mesh]);
+    let report = as_json(&[
+        "render",
+        &mesh,
+        "-o",
+        &picture,
+        "--size",
+        "96x64",
+        "--device",
+        "cpu",
+        "--skip",
+        "mesh",
+        "--overlay",
+        "boundary",
+        "--json",
+    ]);
+    assert_eq!(report["skip"]["method"], "mesh");
+    assert!(report["samples"].as_u64().is_some_and(|n| n > 0));
+    let pixels = image::open(&picture).expect("a picture").to_rgba8();
+    assert!(pixels.pixels().any(|p| p.0[3] > 0), "something is seen");
+    succeed(&["encode", &mesh, "-o", &packed]);
+    let message = fails(&["render", &packed, "-o", &picture], 1);
+    assert!(
+        message.contains("ocean.vacua: an encoded mesh"),
+        "{message}"
+    );
+}

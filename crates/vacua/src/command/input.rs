@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use vacua_io::ReadOptions;
 use vacua_volume::{Dataset, ScalarType};
 
-use super::values;
-use super::{Failure, Wrong};
+use super::{Failure, Wrong, packed, values};
 
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
@@ -94,6 +93,13 @@ pub struct Opened {
 impl InputArgs {
     /// Opens the chosen time step and prints what its reader has to say.
     pub fn open(&self) -> Result<Opened, Failure> {
+        if packed::open(self)?.is_some() {
+            return Err(Failure::plain(format!(
+                "{}: an encoded mesh can be described (info) and sampled, not rendered or converted; \
+                 take the file that it was encoded from",
+                self.files[0].display()
+            )));
+        }
         let mut steps = Vec::new();
         for file in &self.files {
             steps.extend(expand(file)?);
