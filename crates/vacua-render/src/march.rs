@@ -7,17 +7,12 @@
 use std::marker::PhantomData;
 
 use vacua_simd::math::opacity_of_depth;
-use vacua_simd::{BLOCK, Float, Int, LANES, Mask, Simd, per_axis};
+use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, LANES, Mask, Simd, per_axis};
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
 use crate::blocks::{BlockPair, Sampled, Visit};
 use crate::sampler::Sampler;
 use crate::setup::{LaneRay, TILE_RAYS, TileRays};
-
-/// Number of each lane within its block.
-const IN_BLOCK: [f32; LANES] = [
-    0., 1., 2., 3., 4., 5., 6., 7., 0., 1., 2., 3., 4., 5., 6., 7.,
-];
 
 /// What one ray gives.
 #[derive(Clone, Copy, Debug)]
@@ -160,15 +155,14 @@ pub(crate) struct Composite<'a, S, V> {
 
 /// What has been composited of a ray.
 #[derive(Clone, Copy)]
-pub(crate) struct Composited<S: Simd> {
+pub(crate) struct Composited {
     transmittance: f32,
     /// A sum a lane of a block.
     color: [[f32; BLOCK]; 3],
     depth_sample: Option<u32>,
-    simd: PhantomData<S>,
 }
 
-impl<S: Simd> Composited<S> {
+impl Composited {
     /// Nothing so far.
     #[inline(always)]
     pub fn new() -> Self {
@@ -176,7 +170,6 @@ impl<S: Simd> Composited<S> {
             transmittance: 1.0,
             color: [[0.0; BLOCK]; 3],
             depth_sample: None,
-            simd: PhantomData,
         }
     }
 
@@ -210,7 +203,7 @@ impl<S: Simd> Composited<S> {
 }
 
 impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
-    type State = Composited<S>;
+    type State = Composited;
     type Place = V::Place;
 
     #[inline(always)]
@@ -235,7 +228,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
     fn add(
         &self,
         i: usize,
-        state: &mut Composited<S>,
+        state: &mut Composited,
         pair: BlockPair,
         sampled: Sampled<S, &V::Place>,
     ) -> bool {

@@ -161,7 +161,7 @@ fn march<S: Simd, V: Sampler>(
                 lights: lights.as_ref(),
                 simd: PhantomData::<S>,
             };
-            let mut states = [Composited::<S>::new(); TILE_RAYS];
+            let mut states = [Composited::new(); TILE_RAYS];
             let samples = partition.visit(pass.skipper, &visit, &mut states);
             for i in 0..TILE_RAYS {
                 results[i] = states[i].finish(samples[i]);

@@ -28,6 +28,11 @@ pub const LANES: usize = 16;
 /// Samples in a block of the rendering contract; a vector holds two blocks.
 pub const BLOCK: usize = 8;
 
+/// Number of each lane within its block.
+pub const IN_BLOCK: [f32; LANES] = [
+    0., 1., 2., 3., 4., 5., 6., 7., 0., 1., 2., 3., 4., 5., 6., 7.,
+];
+
 /// An array of three, one expression an axis: `per_axis!(a => position[a] + step[a])`.
 ///
 /// Vector code uses this instead of `[0, 1, 2].map(|a| …)`: the closure that `map` takes, and `map`

@@ -9,9 +9,9 @@
 //! two, and two bits answer. A block that crosses several planes at once is checked against the
 //! dilated mask; for what is still open, each sample is located.
 
-use vacua_simd::{BLOCK, Float, Int, Kernel, LANES, Mask, Simd, dispatch, per_axis};
+use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, Kernel, LANES, Mask, Simd, dispatch, per_axis};
 
-use crate::lattice::{Axis, Lattice};
+use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
 use crate::near::Near;
 use crate::ray::{BLOCKS_PER_WINDOW, SampleRay, Skipper, bits_between};
@@ -22,9 +22,6 @@ pub struct GridSkip {
     lattice: Lattice,
     active: ActiveMask,
     near: Near,
-    /// One over the side of a macrocell, where macrocells are so many ray space units wide and that
-    /// is a power of two: then a product gives the macrocell of a coordinate.
-    inverse_side: Option<f32>,
 }
 
 impl GridSkip {
@@ -41,32 +38,16 @@ impl GridSkip {
             "mask and lattice belong together"
         );
         let near = Near::new(&active);
-        let unit = |axis: &Axis| matches!(axis, Axis::Unit { .. });
-        let exact = lattice.side().is_power_of_two() && lattice.axes().iter().all(unit);
-        let inverse_side = exact.then(|| 1.0 / lattice.side() as f32);
         Self {
             lattice,
             active,
             near,
-            inverse_side,
         }
     }
 
     /// The mask this walks.
     pub fn active(&self) -> &ActiveMask {
         &self.active
-    }
-
-    /// Macrocells of sixteen coordinates along one axis, clamped to the lattice.
-    #[inline(always)]
-    fn macrocell<S: Simd>(&self, axis: usize, at: S::F) -> S::I {
-        match self.inverse_side {
-            Some(inverse) => (at * S::F::splat(inverse))
-                .max(S::F::splat(0.0))
-                .min(S::F::splat((self.lattice.counts()[axis] - 1) as f32))
-                .to_i(),
-            None => self.lattice.macrocell::<S>(axis, at),
-        }
     }
 }
 
@@ -139,26 +120,22 @@ const FIRST_SAMPLES: [f32; LANES] = {
     first
 };
 
-/// Sample numbers of a block, twice.
-const IN_BLOCK: [f32; LANES] = [
-    0., 1., 2., 3., 4., 5., 6., 7., 0., 1., 2., 3., 4., 5., 6., 7.,
-];
-
 impl Walk<'_> {
     /// Of sixteen blocks, those near which anything is active.
     #[inline(always)]
     fn near_bundle<S: Simd>(&self, bundle: &Bundle, first_block: u32) -> u16 {
-        let head = S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * 8) as f32);
+        let head =
+            S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * BLOCK as u32) as f32);
         let tail = head + S::F::splat((BLOCK - 1) as f32);
         let lo = per_axis!(a => {
             let (start, step) = (S::F::splat(bundle.start[a].0), S::F::splat(bundle.step[a].0));
             let at = head.mul_add(step, start).min(tail.mul_add(step, start));
-            self.grid.macrocell::<S>(a, at)
+            self.grid.lattice.macrocell::<S>(a, at)
         });
         let hi = per_axis!(a => {
             let (start, step) = (S::F::splat(bundle.start[a].1), S::F::splat(bundle.step[a].1));
             let at = head.mul_add(step, start).max(tail.mul_add(step, start));
-            self.grid.macrocell::<S>(a, at)
+            self.grid.lattice.macrocell::<S>(a, at)
         });
         self.grid.near.any_in_boxes::<S>(lo, hi)
     }
@@ -183,7 +160,8 @@ impl Walk<'_> {
     #[inline(always)]
     fn group<S: Simd>(&self, ray: &SampleRay, first_block: u32, wanted: u16) -> u16 {
         let (begin, last) = (ray.begin as f32, (ray.end - 1) as f32);
-        let first = S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * 8) as f32);
+        let first =
+            S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * BLOCK as u32) as f32);
         let (begin, last) = (S::F::splat(begin), S::F::splat(last));
         let final_sample = first + S::F::splat((BLOCK - 1) as f32);
         let head = self.macrocells::<S>(ray, first.max(begin).min(last));
@@ -223,7 +201,7 @@ impl Walk<'_> {
     fn macrocells<S: Simd>(&self, ray: &SampleRay, k: S::F) -> [S::I; 3] {
         per_axis!(a => {
             let at = k.mul_add(S::F::splat(ray.step[a]), S::F::splat(ray.start[a]));
-            self.grid.macrocell::<S>(a, at)
+            self.grid.lattice.macrocell::<S>(a, at)
         })
     }
 }

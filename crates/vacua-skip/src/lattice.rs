@@ -251,8 +251,15 @@ impl Lattice {
     /// which exceeds the rounding error for fewer than [`MAX_CELLS_PER_AXIS`] cells.
     #[inline(always)]
     pub fn macrocell<S: Simd>(&self, axis: usize, coordinate: S::F) -> S::I {
-        let cell = S::f_from_i(self.axes[axis].cell::<S>(coordinate));
         let inverse_side = S::F::splat(1.0 / self.side as f32);
+        if self.side.is_power_of_two() && matches!(self.axes[axis], Axis::Unit { .. }) {
+            // The product is exact: no need to find the cell first.
+            return (coordinate * inverse_side)
+                .max(S::F::splat(0.0))
+                .min(S::F::splat((self.counts[axis] - 1) as f32))
+                .to_i();
+        }
+        let cell = S::f_from_i(self.axes[axis].cell::<S>(coordinate));
         ((cell + S::F::splat(0.5)) * inverse_side).to_i()
     }
 
