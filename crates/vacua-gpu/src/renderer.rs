@@ -14,10 +14,10 @@ use std::time::Instant;
 use vacua_render::contract::{GOLDEN, check, pixel_offset};
 use vacua_render::{
     Integrator, Jitter, Overlay, RenderError, RenderReport, RenderSettings, Renderer, Rendering,
-    Scene, SkipMethod,
+    Scene, SceneData, SkipMethod,
 };
 use vacua_skip::Lattice;
-use vacua_volume::{TransferFunction, TransferTable, ValueScale};
+use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
 use self::pipelines::{Pipelines, Shader};
 use crate::error::GpuError;
@@ -275,11 +275,17 @@ impl GpuRenderer {
         report: &mut RenderReport,
     ) -> Result<(), GpuError> {
         let scale = scene.transfer_function.scale();
-        let is_for = |v: &DeviceVolume| Arc::ptr_eq(&v.volume, &scene.volume) && v.scale == scale;
+        let SceneData::Volume(data) = &scene.data else {
+            return Err(GpuError::Unsupported {
+                what: "an encoded mesh".to_owned(),
+                device: self.device.name().to_owned(),
+            });
+        };
+        let is_for = |v: &DeviceVolume| Arc::ptr_eq(&v.volume, data) && v.scale == scale;
         if !self.volume.as_ref().is_some_and(is_for) {
             let start = Instant::now();
             self.forget();
-            self.upload(scene, scale)?;
+            self.upload(data, scale)?;
             report.volume_secs = start.elapsed().as_secs_f64();
         }
         let Some(volume) = &self.volume else {
@@ -317,7 +323,7 @@ impl GpuRenderer {
         self.choice = None;
     }
 
-    fn upload(&mut self, scene: &Scene, scale: ValueScale) -> Result<(), GpuError> {
+    fn upload(&mut self, volume: &Arc<Volume>, scale: ValueScale) -> Result<(), GpuError> {
         let info = self.device.info();
         // What a device says of the size of allocations is advice that some exceed: one image is
         // faster than several.
@@ -333,7 +339,7 @@ impl GpuRenderer {
                 &self.device,
                 &mut self.commands,
                 &self.layout,
-                scene.volume.clone(),
+                volume.clone(),
                 scale,
                 limits,
             );

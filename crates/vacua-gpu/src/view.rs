@@ -17,7 +17,7 @@ pub(crate) fn rays(
     settings: &RenderSettings,
     space: &RaySpace,
 ) -> Result<(), RenderError> {
-    let bounds = scene.volume.geometry().bounds();
+    let bounds = scene.data.bounds();
     let view = scene
         .camera
         .view(bounds, settings.width, settings.height)?

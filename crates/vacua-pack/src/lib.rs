@@ -62,6 +62,7 @@ mod pairs;
 mod partition;
 mod section;
 mod submesh;
+mod volume;
 
 pub use block::{BlockLocator, BlockSampler, Located, Sampled};
 pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
@@ -76,3 +77,4 @@ pub use outer::{OuterChild, OuterNode};
 pub use packed::{Nodes, PackedBytes, PackedCell, PackedMesh, Submesh};
 pub use section::Flat;
 pub use submesh::LeafTotals;
+pub use volume::{PackedVolume, PackedVolumeError};

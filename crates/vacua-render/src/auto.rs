@@ -57,12 +57,12 @@ pub(crate) fn choose(
         let reason = "the picture is too small to measure".to_owned();
         return Ok(Choice { stage, reason });
     }
-    let voxel_bytes = volume.volume.scalars().bytes().len();
+    let voxel_bytes = volume.data.scalars().bytes().len();
     let sides: Vec<usize> = match side {
         Some(side) => vec![side],
         None => {
             let affordable = |side: usize| {
-                let bytes = 8.0 * volume.volume.scalars().tuples() as f64 / (side as f64).powi(3);
+                let bytes = 8.0 * volume.data.scalars().tuples() as f64 / (side as f64).powi(3);
                 side == 8 || bytes <= FINEST_SHARE * voxel_bytes as f64
             };
             SIDES.into_iter().filter(|&side| affordable(side)).collect()

@@ -6,7 +6,6 @@
 //! what it was built from and is rebuilt when that differs, so that none can be stale.
 
 use std::cell::RefCell;
-use std::sync::Arc;
 use std::time::Instant;
 
 use vacua_skip::{ActiveMask, Lattice, MAX_SAMPLES, MeshSkip};
@@ -106,7 +105,7 @@ impl Stages {
         let mask = ActiveMask::new(&macrocells, self.look.activity(settings.integrator));
         let lattice = macrocells.lattice();
         let boundary = MeshSkip::new(lattice.clone(), mask);
-        let bounds = scene.volume.geometry().bounds();
+        let bounds = scene.data.bounds();
         let view = scene.camera.view(bounds, settings.width, settings.height)?;
         let ray_from_world = self.volume.space.ray_from_world;
         overlay::draw_boundary(frame, &view, ray_from_world, lattice, &boundary);
@@ -207,7 +206,7 @@ fn prepare(
     let mut volume = match volume {
         Some(volume) => volume,
         None => {
-            let volume = VolumeStage::new(scene.volume.clone(), scale)?;
+            let volume = VolumeStage::new(scene.data.clone(), scale)?;
             report.volume_secs = start.elapsed().as_secs_f64();
             volume
         }
@@ -286,7 +285,7 @@ fn prepare(
 }
 
 fn is_for(stage: &VolumeStage, scene: &Scene, scale: ValueScale) -> bool {
-    Arc::ptr_eq(&stage.volume, &scene.volume) && stage.scale == scale
+    stage.data.is(&scene.data) && stage.scale == scale
 }
 
 /// The rays of a picture, for any skipper.
@@ -301,7 +300,7 @@ impl Rays {
         scene: &Scene,
         settings: &RenderSettings,
     ) -> Result<Self, RenderError> {
-        let bounds = scene.volume.geometry().bounds();
+        let bounds = scene.data.bounds();
         let view = scene.camera.view(bounds, settings.width, settings.height)?;
         let space = &volume.space;
         let lattice = Lattice::new(space.axes.clone(), 1)?;
@@ -438,7 +437,7 @@ mod tests {
         let reference = render_frames(&stages, &scene, &settings).expect("a good scene");
         assert!(!reference.is_blank(), "something is there to be lost");
         let lattice = Lattice::new(stages.volume.space.axes.clone(), SIDE).expect("cells");
-        let points = scene.volume.geometry().points();
+        let points = [0, 1, 2].map(|a| stages.volume.space.axes[a].cells() + 1);
         // As if the voxels were values of cells: each belongs to one macrocell alone.
         let (association, points) = if apron {
             (Association::Point, points)
@@ -446,7 +445,7 @@ mod tests {
             (Association::Cell, points.map(|n| n + 1))
         };
         let source = PointSource {
-            scalars: scene.volume.scalars(),
+            scalars: scene.data.scalars(),
             association,
             points,
             map: stages.volume.map,

@@ -1,6 +1,6 @@
 //! Scene, camera, frame, and the integrators on the CPU.
 //!
-//! A [`Scene`] is a volume, a transfer function and a camera; [`RenderSettings`] say how its
+//! A [`Scene`] is a field on a grid or a mesh, a transfer function and a camera; [`RenderSettings`] say how its
 //! picture is made; a [`Renderer`] makes the [`Frame`]. Whatever the settings for skipping, the
 //! picture is the same to the bit.
 
@@ -12,6 +12,7 @@ mod celltree;
 pub mod contract;
 mod cpu;
 mod curvilinear;
+mod data;
 mod error;
 mod frame;
 mod hexahedron;
@@ -29,6 +30,7 @@ mod tiles;
 pub use accumulate::Accumulator;
 pub use camera::{Camera, CameraError, Projection, View, ViewBasis};
 pub use cpu::{CpuRenderer, DEFAULT_MACROCELL_SIDE, RenderReport, Renderer, Rendering};
+pub use data::SceneData;
 pub use error::RenderError;
 pub use frame::Frame;
 pub use point::VolumeSampler;

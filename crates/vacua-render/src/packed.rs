@@ -5,10 +5,14 @@
 //! place in ray space becomes one of the mesh by one fused multiplication and addition, rounded
 //! once: that is where the sample is.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use vacua_pack::layout::{Child, WIDTH};
-use vacua_pack::{BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, Submesh, encode};
+use vacua_pack::{
+    BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, PackedVolume, Submesh, encode,
+};
 use vacua_simd::{Float, Mask, Simd, WideMap, per_axis};
 use vacua_skip::{Axis, Lattice, Macrocells};
 use vacua_volume::{CellType, UnstructuredMesh, ValueMap, Volume};
@@ -31,8 +35,7 @@ const MAX_RESOLUTION: f64 = (1 << 20) as f64;
 pub(crate) struct PackedCells {
     pub space: RaySpace,
     pub strides: Strides,
-    mesh: PackedMesh,
-    field: PackedField,
+    volume: Arc<PackedVolume>,
     /// Side of a lattice cube, a power of two.
     cube: f32,
     /// Lower corner of the lattice, relative to the mesh's origin.
@@ -42,35 +45,38 @@ pub(crate) struct PackedCells {
 impl std::fmt::Debug for PackedCells {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("PackedCells")
-            .field("cells", &self.mesh.num_cells())
+            .field("cells", &self.mesh().num_cells())
             .field("cube", &self.cube)
             .finish_non_exhaustive()
     }
 }
 
-impl PackedCells {
-    /// Encodes a mesh and the scalars of a volume.
-    ///
-    /// # Errors
-    /// [`RenderError::NoPositions`] if no cell is anywhere, [`RenderError::Encode`] or
-    /// [`RenderError::Field`] if it cannot be encoded.
-    pub fn encode(mesh: &UnstructuredMesh, volume: &Volume) -> Result<Self, RenderError> {
-        let encoded = encode(mesh, EncodeOptions::default())?;
-        let field = PackedField::pack(
-            &encoded.mesh,
-            &encoded.map,
-            volume.name(),
-            volume.association(),
-            volume.scalars(),
-        )?;
-        Self::new(encoded.mesh, field)
-    }
+/// Encodes a mesh and the scalars of a volume.
+///
+/// # Errors
+/// [`RenderError::Encode`] or [`RenderError::Field`] if it cannot be encoded.
+pub(crate) fn encoded(
+    mesh: &UnstructuredMesh,
+    volume: &Volume,
+) -> Result<Arc<PackedVolume>, RenderError> {
+    let encoded = encode(mesh, EncodeOptions::default())?;
+    let field = PackedField::pack(
+        &encoded.mesh,
+        &encoded.map,
+        volume.name(),
+        volume.association(),
+        volume.scalars(),
+    )?;
+    Ok(Arc::new(PackedVolume::new(encoded.mesh, field)))
+}
 
+impl PackedCells {
     /// Prepares an encoded mesh.
     ///
     /// # Errors
     /// [`RenderError::NoPositions`] if no cell is anywhere.
-    pub fn new(mesh: PackedMesh, field: PackedField) -> Result<Self, RenderError> {
+    pub fn new(volume: Arc<PackedVolume>) -> Result<Self, RenderError> {
+        let mesh = volume.mesh();
         let headers = mesh.submeshes();
         let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for header in headers {
@@ -100,8 +106,7 @@ impl PackedCells {
                 finest: DVec3::ONE,
             },
             strides: Strides::Constant,
-            mesh,
-            field,
+            volume,
             cube: cube as f32,
             corner: lo,
         };
@@ -109,6 +114,10 @@ impl PackedCells {
         cells.space.finest = DVec3::splat(finest);
         cells.strides = strides;
         Ok(cells)
+    }
+
+    fn mesh(&self) -> &PackedMesh {
+        self.volume.mesh()
     }
 
     /// The lattice of cubes.
@@ -121,9 +130,9 @@ impl PackedCells {
     fn sizes(&self) -> Result<(f64, Strides), RenderError> {
         let lattice = self.lattice()?;
         let counts = lattice.counts();
-        let parts: Vec<Vec<(u32, f32)>> = (0..self.mesh.submeshes().len())
+        let parts: Vec<Vec<(u32, f32)>> = (0..self.mesh().submeshes().len())
             .into_par_iter()
-            .filter_map(|s| self.mesh.submesh(s))
+            .filter_map(|s| self.mesh().submesh(s))
             .map(|submesh| self.sizes_in(&submesh, &lattice))
             .collect();
         let mut sums = vec![(0.0f32, 0u32); lattice.len()];
@@ -192,7 +201,7 @@ impl PackedCells {
 
     /// Ranges of the values that sampling can compute in each macrocell, from those of leaves.
     pub fn macrocells(&self, lattice: Lattice, map: ValueMap) -> Macrocells {
-        let items: Vec<Vec<_>> = (0..self.mesh.submeshes().len())
+        let items: Vec<Vec<_>> = (0..self.mesh().submeshes().len())
             .into_par_iter()
             .map(|s| self.leaf_boxes(s, map))
             .collect();
@@ -202,7 +211,7 @@ impl PackedCells {
     /// Boxes in ray space, widened, and ranges of the leaves of a sub-mesh.
     fn leaf_boxes(&self, number: usize, map: ValueMap) -> Vec<([[f32; 3]; 2], [f32; 2])> {
         let mut items = Vec::new();
-        let Some(submesh) = self.mesh.submesh(number) else {
+        let Some(submesh) = self.mesh().submesh(number) else {
             return items;
         };
         for number_of_node in 0..submesh.header.num_nodes {
@@ -210,9 +219,10 @@ impl PackedCells {
                 continue;
             };
             for child in (0..WIDTH).filter(|&c| matches!(node.child(c), Child::Leaf(_))) {
-                let range = self
-                    .field
-                    .child_range(&self.mesh, number, number_of_node, child);
+                let range =
+                    self.volume
+                        .field()
+                        .child_range(self.mesh(), number, number_of_node, child);
                 let Some(range) = range else {
                     continue;
                 };
@@ -249,7 +259,7 @@ impl PackedCells {
     /// A sampler of the field.
     pub fn sampler(&self, map: Option<WideMap>) -> PackedSampler<'_> {
         PackedSampler {
-            sampler: BlockSampler::new(&self.mesh, &self.field, map),
+            sampler: BlockSampler::new(self.mesh(), self.volume.field(), map),
             cube: self.cube,
             corner: self.corner,
         }

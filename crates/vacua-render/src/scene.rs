@@ -1,11 +1,10 @@
 //! What is to be seen and how: the scene and the settings of its rendering.
 
-use std::sync::Arc;
-
 use glam::DVec3;
-use vacua_volume::{Bounds, TransferFunction, Volume};
+use vacua_volume::{Bounds, TransferFunction};
 
 use crate::camera::Camera;
+use crate::data::SceneData;
 
 /// Half of space: points with `(p − point) · normal >= 0` are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,11 +15,11 @@ pub struct ClipPlane {
     pub normal: DVec3,
 }
 
-/// A volume, what its values look like, and from where.
+/// A field, what its values look like, and from where.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// What is seen.
-    pub volume: Arc<Volume>,
+    pub data: SceneData,
     /// What its values look like.
     pub transfer_function: TransferFunction,
     /// From where.
@@ -32,10 +31,10 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene with the whole volume, seen from the front right.
-    pub fn new(volume: impl Into<Arc<Volume>>, transfer_function: TransferFunction) -> Self {
+    /// A scene with all of the data, seen from the front right.
+    pub fn new(data: impl Into<SceneData>, transfer_function: TransferFunction) -> Self {
         Self {
-            volume: volume.into(),
+            data: data.into(),
             transfer_function,
             camera: Camera::orbit(30.0, 20.0),
             clip_planes: Vec::new(),

@@ -9,14 +9,13 @@ use vacua_skip::{
     ActiveMask, Activity, BoxSkip, GridSkip, Lattice, Macrocells, MeshSkip, NoSkip, PointSource,
     Skipper,
 };
-use vacua_volume::{
-    Geometry, TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale, Volume,
-};
+use vacua_volume::{Geometry, TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale};
 
 use crate::blocks::Strides;
 use crate::curvilinear::{CellValues, CurvilinearCells};
+use crate::data::SceneData;
 use crate::error::RenderError;
-use crate::packed::PackedCells;
+use crate::packed::{PackedCells, encoded};
 use crate::sampler::Voxels;
 use crate::scene::{Integrator, SkipMethod};
 use crate::space::RaySpace;
@@ -24,7 +23,7 @@ use crate::space::RaySpace;
 /// What depends on the volume alone.
 #[derive(Debug)]
 pub(crate) struct VolumeStage {
-    pub volume: Arc<Volume>,
+    pub data: SceneData,
     pub scale: ValueScale,
     pub space: RaySpace,
     /// Where the cells are, if not between axis-aligned planes.
@@ -43,27 +42,32 @@ pub(crate) struct VolumeStage {
 }
 
 impl VolumeStage {
-    /// Prepares a volume for transfer functions of one scale.
-    pub fn new(volume: Arc<Volume>, scale: ValueScale) -> Result<Self, RenderError> {
+    /// Prepares data for transfer functions of one scale.
+    pub fn new(data: SceneData, scale: ValueScale) -> Result<Self, RenderError> {
         let (mut curvilinear, mut packed) = (None, None);
-        let space = match &**volume.geometry() {
-            Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
-            Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
-            Geometry::Curvilinear(grid) => {
-                let mask = volume.blanked_cells().map(|m| &**m);
-                let cells = curvilinear.insert(CurvilinearCells::new(grid, mask)?);
-                cells.space.clone()
-            }
-            Geometry::Unstructured(mesh) => {
-                let cells = packed.insert(PackedCells::encode(mesh, &volume)?);
-                cells.space.clone()
+        let space = match &data {
+            SceneData::Volume(volume) => match &**volume.geometry() {
+                Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
+                Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
+                Geometry::Curvilinear(grid) => {
+                    let cells = CurvilinearCells::new(grid, data.blanked_cells())?;
+                    curvilinear.insert(cells).space.clone()
+                }
+                Geometry::Unstructured(mesh) => {
+                    let cells = PackedCells::new(encoded(mesh, volume)?)?;
+                    packed.insert(cells).space.clone()
+                }
+            },
+            SceneData::Packed(mesh) => {
+                let cells = PackedCells::new(mesh.clone())?;
+                packed.insert(cells).space.clone()
             }
         };
-        let profile = volume.scalars().profile(0);
+        let profile = data.scalars().profile(0);
         let range = profile.range;
         let map = match (scale, range) {
             (ValueScale::Linear, Some(range)) => {
-                ValueMap::for_range(volume.scalars().scalar_type(), range)
+                ValueMap::for_range(data.scalars().scalar_type(), range)
             }
             _ => ValueMap::IDENTITY,
         };
@@ -74,7 +78,7 @@ impl VolumeStage {
         };
         let macrocells = BTreeMap::new();
         Ok(Self {
-            volume,
+            data,
             scale,
             space,
             curvilinear,
@@ -112,11 +116,11 @@ impl VolumeStage {
                     return Ok(self.keep(side, cells, start));
                 }
                 let source = PointSource {
-                    scalars: self.volume.scalars(),
-                    association: self.volume.association(),
-                    points: self.volume.geometry().points(),
+                    scalars: self.data.scalars(),
+                    association: self.data.association(),
+                    points: self.space.axes.each_ref().map(|axis| axis.cells() + 1),
                     map: self.map,
-                    blanked_cells: self.volume.blanked_cells().map(|m| &**m),
+                    blanked_cells: self.data.blanked_cells(),
                 };
                 Macrocells::of_grid(lattice, source)
             }
@@ -142,10 +146,10 @@ impl VolumeStage {
     /// The values as samplers of single cells take them.
     pub fn cell_values(&self) -> CellValues<'_> {
         CellValues {
-            voxels: Voxels::of(self.volume.scalars(), self.plain),
-            association: self.volume.association(),
+            voxels: Voxels::of(self.data.scalars(), self.plain),
+            association: self.data.association(),
             map: self.wide_map(),
-            blanked_cells: self.volume.blanked_cells().map(|m| &**m),
+            blanked_cells: self.data.blanked_cells(),
         }
     }
 

@@ -39,7 +39,7 @@ pub(crate) struct Pass<'a> {
 
 /// Renders all rays of a pass into a frame.
 pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Frame) {
-    let scalars = volume.volume.scalars();
+    let scalars = volume.data.scalars();
     if let Some(cells) = &volume.curvilinear {
         let values = volume.cell_values();
         bands(pass, &CurvilinearSampler { cells, values }, frame);
@@ -50,7 +50,7 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
         bands(pass, &cells.sampler(map), frame);
         return;
     }
-    let blanked_cells = volume.volume.blanked_cells().map(|m| &**m);
+    let blanked_cells = volume.data.blanked_cells();
     let axes = &volume.space.axes;
     let grid = Grid {
         axes,
@@ -59,7 +59,7 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
         map,
         blanked_cells,
     };
-    match volume.volume.association() {
+    match volume.data.association() {
         Association::Point => bands(pass, &PointSampler::new(grid), frame),
         Association::Cell => bands(pass, &CellSampler::new(grid), frame),
     }

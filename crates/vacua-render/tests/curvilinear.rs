@@ -174,7 +174,7 @@ fn a_tangle_takes_no_longer_than_it_must() {
         .and_then(|d| d.volume(&FieldChoice::Only, ComponentChoice::Auto))
         .expect("it fits together");
     let mut scene = scene(uniform(), 3.0, linear);
-    scene.volume = volume.into();
+    scene.data = volume.into();
     let settings = RenderSettings {
         width: 2,
         height: 2,

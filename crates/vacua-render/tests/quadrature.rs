@@ -84,7 +84,7 @@ fn constant_extinction_obeys_beer_and_lambert() {
     let sigma = std::f64::consts::LN_2 / unit;
     for camera in CAMERAS {
         let scene = Scene::new(volume(1.0, |_| 1.0), look(unit)).camera(camera);
-        let bounds = scene.volume.geometry().bounds();
+        let bounds = scene.data.bounds();
         let view = camera.view(bounds, SIZE.0, SIZE.1).expect("a good camera");
         let step = 0.5;
         let frame = render(&scene, step);

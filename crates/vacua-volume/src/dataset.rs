@@ -145,6 +145,33 @@ pub enum FieldChoice {
     Index(usize),
 }
 
+impl FieldChoice {
+    /// Position of the chosen field among fields of these names.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoSuchField`] or [`DatasetError::FieldNotChosen`].
+    pub fn among(&self, names: &[impl AsRef<str>]) -> Result<usize, DatasetError> {
+        let available = || names.iter().map(|n| n.as_ref().to_owned()).collect();
+        let (found, asked) = match self {
+            Self::Only if names.len() == 1 => return Ok(0),
+            Self::Only => {
+                return Err(DatasetError::FieldNotChosen {
+                    available: available(),
+                });
+            }
+            Self::Name(name) => (names.iter().position(|n| n.as_ref() == name), name.clone()),
+            Self::Index(index) => (
+                Some(*index).filter(|&i| i < names.len()),
+                format!("#{index}"),
+            ),
+        };
+        found.ok_or_else(|| DatasetError::NoSuchField {
+            asked,
+            available: available(),
+        })
+    }
+}
+
 /// Which component of a field with several.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ComponentChoice {
@@ -266,37 +293,8 @@ impl Dataset {
     /// # Errors
     /// [`DatasetError::NoSuchField`] or [`DatasetError::FieldNotChosen`].
     pub fn field(&self, choice: &FieldChoice) -> Result<&Field, DatasetError> {
-        let available = || {
-            self.fields
-                .iter()
-                .map(|f| f.name().to_owned())
-                .collect::<Vec<_>>()
-        };
-        match choice {
-            FieldChoice::Only => match self.fields.as_slice() {
-                [only] => Ok(only),
-                _ => Err(DatasetError::FieldNotChosen {
-                    available: available(),
-                }),
-            },
-            FieldChoice::Name(name) => {
-                self.fields
-                    .iter()
-                    .find(|f| f.name() == name)
-                    .ok_or_else(|| DatasetError::NoSuchField {
-                        asked: name.clone(),
-                        available: available(),
-                    })
-            }
-            FieldChoice::Index(index) => {
-                self.fields
-                    .get(*index)
-                    .ok_or_else(|| DatasetError::NoSuchField {
-                        asked: format!("#{index}"),
-                        available: available(),
-                    })
-            }
-        }
+        let names: Vec<&str> = self.fields.iter().map(Field::name).collect();
+        Ok(&self.fields[choice.among(&names)?])
     }
 
     /// Loads one scalar field, ready to be rendered.

@@ -25,7 +25,7 @@ pub fn explain_blank(scene: &Scene, settings: &RenderSettings, frame: &Frame) ->
 
 /// Nothing to show in the field itself.
 fn no_values(scene: &Scene, _: &RenderSettings) -> Option<String> {
-    let volume = &scene.volume;
+    let volume = &scene.data;
     if volume.scalars().range(0).is_none() {
         return Some(format!(
             "no value of field `{}` is a finite number",
@@ -40,7 +40,7 @@ fn no_values(scene: &Scene, _: &RenderSettings) -> Option<String> {
 
 /// All opacity zero in the data's range.
 fn no_opacity(scene: &Scene, settings: &RenderSettings) -> Option<String> {
-    let scalars = scene.volume.scalars();
+    let scalars = scene.data.scalars();
     let range = scalars.range(0)?;
     let function = &scene.transfer_function;
     let ValueRange { lo, hi } = range;
@@ -79,7 +79,7 @@ fn no_opacity(scene: &Scene, settings: &RenderSettings) -> Option<String> {
 
 /// The data's box is not in the picture.
 fn not_in_view(scene: &Scene, settings: &RenderSettings) -> Option<String> {
-    let bounds = scene.volume.geometry().bounds();
+    let bounds = scene.data.bounds();
     let view = scene
         .camera
         .view(bounds, settings.width, settings.height)
@@ -120,7 +120,7 @@ fn meets_box(origin: DVec3, direction: DVec3, bounds: Bounds) -> bool {
 
 /// Clip planes or the region of interest leave nothing.
 fn cut_away(scene: &Scene, _: &RenderSettings) -> Option<String> {
-    let bounds = scene.volume.geometry().bounds();
+    let bounds = scene.data.bounds();
     if let Some(roi) = scene.region_of_interest {
         let apart = roi.lo.cmpgt(bounds.hi).any() || roi.hi.cmplt(bounds.lo).any();
         if apart {

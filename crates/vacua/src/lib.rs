@@ -25,25 +25,27 @@
 //! ```
 //!
 //! What is behind these lines lies in the modules [`volume`] (grids, fields, transfer functions),
-//! [`io`] (files), [`skip`] (empty space), [`render`] (scenes, renderers, frames), [`gpu`] (the same
+//! [`io`] (files), [`skip`] (empty space), [`pack`] (encoded meshes), [`render`] (scenes, renderers, frames), [`gpu`] (the same
 //! on Vulkan) and [`synth`] (procedural data).
 #![forbid(unsafe_code)]
 
 mod blank;
+mod content;
 mod device;
 mod quick;
 
 pub use vacua_gpu as gpu;
 pub use vacua_io as io;
+pub use vacua_pack as pack;
 pub use vacua_render as render;
 pub use vacua_skip as skip;
 pub use vacua_synth as synth;
 pub use vacua_volume as volume;
 
 pub use blank::explain_blank;
+pub use content::{Content, open, open_with};
 pub use device::{Backend, Device};
-pub use quick::{Content, Error, Frame, Look, Renderer, Scene, renderer};
-pub use vacua_io::{open, open_with};
+pub use quick::{Error, Frame, Look, Renderer, Scene, renderer};
 pub use vacua_render::{
     Camera, ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Shading, SkipMethod,
 };

@@ -3,17 +3,20 @@
 
 use std::ops::Deref;
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use vacua_io::IoError;
 use vacua_io::picture::{Picture, write_picture};
-use vacua_render::{Camera, ClipPlane, RenderError, RenderReport, RenderSettings, Renderer as _};
+use vacua_pack::PackedVolumeError;
+use vacua_render::{
+    Camera, ClipPlane, RenderError, RenderReport, RenderSettings, Renderer as _, SceneData,
+};
 use vacua_volume::{
-    Bounds, ComponentChoice, Dataset, DatasetError, FieldChoice, StyleError, TransferFunction,
-    TransferStyle, Volume,
+    Bounds, ComponentChoice, DatasetError, FieldChoice, StyleError, TransferFunction, TransferStyle,
 };
 
 use crate::blank::explain_blank;
+use crate::content::Content;
 use crate::device::{Backend, Device};
 
 /// Why there is no picture.
@@ -29,35 +32,17 @@ pub enum Error {
     /// The picture cannot be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A file could not be written.
+    /// A file could not be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
 }
 
-/// What a scene shows: a dataset, one field of which is chosen later, or a volume.
-#[derive(Clone, Debug)]
-pub enum Content {
-    /// All that a file holds.
-    Dataset(Dataset),
-    /// One scalar field.
-    Volume(Arc<Volume>),
-}
-
-impl From<Dataset> for Content {
-    fn from(dataset: Dataset) -> Self {
-        Self::Dataset(dataset)
-    }
-}
-
-impl From<Volume> for Content {
-    fn from(volume: Volume) -> Self {
-        Self::Volume(Arc::new(volume))
-    }
-}
-
-impl From<Arc<Volume>> for Content {
-    fn from(volume: Arc<Volume>) -> Self {
-        Self::Volume(volume)
+impl From<PackedVolumeError> for Error {
+    fn from(error: PackedVolumeError) -> Self {
+        match error {
+            PackedVolumeError::Choice(error) => Self::Dataset(error),
+            PackedVolumeError::Io(error) => Self::Io(error),
+        }
     }
 }
 
@@ -93,11 +78,11 @@ pub struct Scene {
     clip_planes: Vec<ClipPlane>,
     region_of_interest: Option<Bounds>,
     /// The chosen field, loaded once so that renderers keep what they built for it.
-    volume: OnceLock<Arc<Volume>>,
+    data: OnceLock<SceneData>,
 }
 
 impl Scene {
-    /// A scene of a dataset or a volume, in the default look, seen from the front right.
+    /// A scene of a file's content or one field, in the default look, seen from the front right.
     pub fn new(content: impl Into<Content>) -> Self {
         Self {
             content: content.into(),
@@ -107,21 +92,21 @@ impl Scene {
             camera: Camera::orbit(30.0, 20.0),
             clip_planes: Vec::new(),
             region_of_interest: None,
-            volume: OnceLock::new(),
+            data: OnceLock::new(),
         }
     }
 
     /// Shows the field of this name; a dataset with one field needs no choice.
     pub fn field(mut self, name: &str) -> Self {
         self.field = FieldChoice::Name(name.to_owned());
-        self.volume = OnceLock::new();
+        self.data = OnceLock::new();
         self
     }
 
     /// Shows one component of a field with several; its magnitude if not said.
     pub fn component(mut self, component: ComponentChoice) -> Self {
         self.component = component;
-        self.volume = OnceLock::new();
+        self.data = OnceLock::new();
         self
     }
 
@@ -152,16 +137,14 @@ impl Scene {
     /// The chosen field, loaded at the first call.
     ///
     /// # Errors
-    /// [`Error::Dataset`] if there is no such field, or several and no choice, or it cannot be read.
-    pub fn volume(&self) -> Result<&Arc<Volume>, Error> {
-        if let Some(volume) = self.volume.get() {
-            return Ok(volume);
+    /// [`Error::Dataset`] if there is no such field, or several and no choice; [`Error::Dataset`] or
+    /// [`Error::Io`] if it cannot be read.
+    pub fn data(&self) -> Result<&SceneData, Error> {
+        if let Some(data) = self.data.get() {
+            return Ok(data);
         }
-        let volume = match &self.content {
-            Content::Volume(volume) => volume.clone(),
-            Content::Dataset(dataset) => Arc::new(dataset.volume(&self.field, self.component)?),
-        };
-        Ok(self.volume.get_or_init(|| volume))
+        let data = self.content.data(&self.field, self.component)?;
+        Ok(self.data.get_or_init(|| data))
     }
 
     /// The scene with everything settled, as renderers take it.
@@ -169,12 +152,12 @@ impl Scene {
     /// # Errors
     /// [`Error::Dataset`] or [`Error::Style`] if the data has not what was asked for.
     pub fn settled(&self) -> Result<vacua_render::Scene, Error> {
-        let volume = self.volume()?;
+        let data = self.data()?;
         let function = match &self.look {
             Look::Function(function) => function.clone(),
-            Look::Style(style) => style.resolve(volume)?,
+            Look::Style(style) => style.resolve_for(data.scalars(), data.bounds())?,
         };
-        let mut scene = vacua_render::Scene::new(volume.clone(), function).camera(self.camera);
+        let mut scene = vacua_render::Scene::new(data.clone(), function).camera(self.camera);
         scene.clip_planes.clone_from(&self.clip_planes);
         scene.region_of_interest = self.region_of_interest;
         Ok(scene)

@@ -228,26 +228,7 @@ fn meshes_are_made_and_converted() {
 }
 
 #[test]
-fn a_mesh_is_not_rendered_in_silence() {
-    let folder = folder();
-    let picture = text(&folder.path().join("a.png"));
-    let output = vacua(&[
-        "render",
-        &data("post.vtk"),
-        "-o",
-        &picture,
-        "--size",
-        "16x16",
-    ]);
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        output.status.success() || message.contains("mesh of 8750 cells"),
-        "{message}"
-    );
-}
-
-#[test]
-fn meshes_are_rendered_encoded_ones_not() {
+fn meshes_are_rendered_encoded_or_not() {
     let folder = folder();
     let in_folder = |name: &str| text(&folder.path().join(name));
     let (mesh, packed, picture) = (
@@ -276,7 +257,19 @@ fn meshes_are_rendered_encoded_ones_not() {
     let pixels = image::open(&picture).expect("a picture").to_rgba8();
     assert!(pixels.pixels().any(|p| p.0[3] > 0), "something is seen");
     succeed(&["encode", &mesh, "-o", &packed]);
-    let message = fails(&["render", &packed, "-o", &picture], 1);
+    let from_mesh = std::fs::read(&picture).expect("a picture");
+    let from_packed = in_folder("packed.png");
+    let look = ["--range", "0,1", "--opacity", "0:0,1:1", "--device", "cpu"];
+    for (file, picture) in [(&mesh, &picture), (&packed, &from_packed)] {
+        let view = ["render", file, "-o", picture, "--size", "96x64"];
+        succeed(&[&view[..], &look[..]].concat());
+    }
+    let [a, b] = [&picture, &from_packed].map(|path| std::fs::read(path).expect("a picture"));
+    assert!(
+        a == b && a != from_mesh,
+        "the same picture, in another look"
+    );
+    let message = fails(&["convert", &packed, &in_folder("ocean.vtk")], 1);
     assert!(
         message.contains("ocean.vacua: an encoded mesh"),
         "{message}"

@@ -47,6 +47,14 @@ pub struct PackedFile {
     intact: Vec<OnceLock<bool>>,
 }
 
+impl std::fmt::Debug for PackedFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PackedFile")
+            .field("path", &self.path)
+            .finish_non_exhaustive()
+    }
+}
+
 impl PackedFile {
     /// Opens and maps a file.
     ///

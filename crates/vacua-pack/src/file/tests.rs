@@ -117,7 +117,7 @@ fn damage_is_named() {
 
     let mut newer = good.clone();
     newer[8] = 2;
-    let problem = open(newer).err().expect("newer").problem;
+    let problem = open(newer).expect_err("newer").problem;
     assert!(matches!(problem, Problem::Unsupported { .. }), "{problem}");
     assert!(problem.to_string().contains("version 2.0"));
 

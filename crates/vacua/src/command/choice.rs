@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use vacua_io::transfer_json::read_transfer_function;
+use vacua_render::SceneData;
 use vacua_volume::{
-    ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint, TransferFunction, TransferStyle,
-    ValueRange, ValueScale, Volume, default_unit_length,
+    Bounds, ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint, TransferFunction,
+    TransferStyle, ValueRange, ValueScale, Volume, default_unit_length,
 };
 
 use super::input::Opened;
@@ -97,13 +98,13 @@ fn color_map(name: &str) -> Result<String, vacua_volume::presets::UnknownPreset>
 }
 
 impl LookArgs {
-    /// The transfer function for a volume.
-    pub fn transfer_function(&self, volume: &Volume) -> Result<TransferFunction, Failure> {
+    /// The transfer function for data.
+    pub fn transfer_function(&self, data: &SceneData) -> Result<TransferFunction, Failure> {
         match &self.tf {
-            Some(path) => self.read_file(path, volume),
+            Some(path) => self.read_file(path, data.bounds()),
             None => self
                 .style()
-                .resolve(volume)
+                .resolve_for(data.scalars(), data.bounds())
                 .map_err(|e| Failure::Other(Box::new(e))),
         }
     }
@@ -128,8 +129,8 @@ impl LookArgs {
         }
     }
 
-    fn read_file(&self, path: &Path, volume: &Volume) -> Result<TransferFunction, Failure> {
-        let unit = default_unit_length(volume.geometry().bounds());
+    fn read_file(&self, path: &Path, bounds: Bounds) -> Result<TransferFunction, Failure> {
+        let unit = default_unit_length(bounds);
         let file = read_transfer_function(path, unit)?;
         for note in &file.notes {
             eprintln!("note: {}: {note}", path.display());

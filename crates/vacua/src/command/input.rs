@@ -95,7 +95,7 @@ impl InputArgs {
     pub fn open(&self) -> Result<Opened, Failure> {
         if packed::open(self)?.is_some() {
             return Err(Failure::plain(format!(
-                "{}: an encoded mesh can be described (info) and sampled, not rendered or converted; \
+                "{}: an encoded mesh can be described (info), rendered and sampled, not converted; \
                  take the file that it was encoded from",
                 self.files[0].display()
             )));

@@ -2,17 +2,16 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use vacua_io::Source;
 use vacua_pack::file::{PackedFile, is_packed};
-use vacua_pack::{FieldBytes, PackedBytes, PackedField, PackedMesh};
+use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError};
 use vacua_volume::{CellType, FieldChoice};
 
-use super::Failure;
+use super::choice::FieldArgs;
 use super::input::InputArgs;
+use super::{Failure, Wrong};
 
 /// Opens the input as a `.vacua` file, if it is one.
 pub fn open(input: &InputArgs) -> Result<Option<PackedFile>, Failure> {
@@ -173,60 +172,14 @@ pub fn bytes_text(bytes: u64) -> String {
     }
 }
 
-/// A field on a packed mesh.
-pub struct PackedValues {
-    mesh: PackedMesh,
-    field: PackedField,
-}
-
-impl PackedValues {
-    /// Loads a field; a lone one needs no choice.
-    pub fn load(
-        file: &PackedFile,
-        path: &Path,
-        choice: Option<&FieldChoice>,
-    ) -> Result<Self, Failure> {
-        let fields = file.fields()?;
-        let names = || {
-            fields
-                .iter()
-                .map(|f| f.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        let place = match choice {
-            None | Some(FieldChoice::Only) => (fields.len() == 1).then_some(0),
-            Some(FieldChoice::Name(name)) => fields.iter().position(|f| f.name == *name),
-            Some(FieldChoice::Index(index)) => Some(*index).filter(|&i| i < fields.len()),
-        };
-        let place = place.ok_or_else(|| {
-            let asked = match choice {
-                Some(FieldChoice::Name(name)) => format!("no field `{name}`"),
-                Some(FieldChoice::Index(index)) => format!("no field #{index}"),
-                _ => "which field?".to_owned(),
-            };
-            Failure::plain(format!(
-                "{}: {asked}; there are: {}",
-                path.display(),
-                names()
-            ))
-        })?;
-        let mesh = file.mesh()?;
-        let field = file.field(&mesh, place)?;
-        Ok(Self { mesh, field })
+/// A field of a `.vacua` file; a lone one needs no choice.
+pub fn volume(file: &PackedFile, path: &Path, field: &FieldArgs) -> Result<PackedVolume, Failure> {
+    if field.component.is_some() {
+        return Err(Wrong("--component: packed fields have one component".to_owned()).into());
     }
-
-    /// The values at points, in order.
-    pub fn at(&self, points: &[DVec3]) -> Vec<Option<f64>> {
-        points
-            .par_iter()
-            .map_init(
-                || self.mesh.locator(),
-                |locator, point| {
-                    let location = locator.locate(point.to_array())?;
-                    self.field.value_at(&self.mesh, &location)
-                },
-            )
-            .collect()
-    }
+    let choice = field.field.as_ref().unwrap_or(&FieldChoice::Only);
+    PackedVolume::open(file, choice).map_err(|error| match error {
+        PackedVolumeError::Choice(error) => Failure::contents(path, error),
+        PackedVolumeError::Io(error) => error.into(),
+    })
 }

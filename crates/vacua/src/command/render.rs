@@ -4,19 +4,19 @@ mod heatmap;
 mod report;
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 use vacua::{
     Backend, Camera, ClipPlane, Device, Integrator, Overlay, RenderSettings, Shading, SkipMethod,
 };
 use vacua_io::picture::{Picture, PictureFormat, write_picture};
-use vacua_render::{Jitter, Renderer as _, Rendering, Scene};
+use vacua_render::{Jitter, Renderer as _, Rendering, Scene, SceneData};
 use vacua_volume::Bounds;
 
 use self::report::Report;
 use super::choice::{FieldArgs, LookArgs};
 use super::input::InputArgs;
+use super::packed;
 use super::values::{self, Background, CameraChoice, ClipChoice, Projection, Stand};
 use super::{Failure, Wrong, output};
 
@@ -237,6 +237,19 @@ fn camera(choice: CameraChoice, bounds: Bounds) -> Result<Camera, Failure> {
     }
 }
 
+/// The file of the chosen time step, and the chosen field of it.
+fn open(args: &RenderArgs) -> Result<(PathBuf, SceneData), Failure> {
+    if let Some(file) = packed::open(&args.input)? {
+        let path = args.input.files[0].clone();
+        let read = || packed::volume(&file, &path, &args.field);
+        let volume = output::during("checking the encoded mesh", read)?;
+        return Ok((path, volume.into()));
+    }
+    let opened = args.input.open()?;
+    let volume = output::during("reading", || args.field.volume(&opened))?;
+    Ok((opened.path, volume.into()))
+}
+
 /// Runs `vacua render`.
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     args.look.check()?;
@@ -251,15 +264,13 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         .settings(args.view.size, args.appearance.shading);
 
     let start = Instant::now();
-    let opened = args.input.open()?;
-    let volume = output::during("reading", || args.field.volume(&opened))?;
+    let (path, data) = open(args)?;
     let load_secs = start.elapsed().as_secs_f64();
     let transfer_function = output::during("looking at the values", || {
-        args.look.transfer_function(&volume)
+        args.look.transfer_function(&data)
     })?;
-    let bounds = volume.geometry().bounds();
-    let mut scene =
-        Scene::new(Arc::new(volume), transfer_function).camera(camera(args.view.camera, bounds)?);
+    let bounds = data.bounds();
+    let mut scene = Scene::new(data, transfer_function).camera(camera(args.view.camera, bounds)?);
     for clip in &args.view.clip {
         scene = scene.clip(ClipPlane {
             point: clip.point,
@@ -318,14 +329,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
     if args.json {
         let report = Report::new(
-            args,
-            &renderer,
-            &opened.path,
-            &scene,
-            &first,
-            load_secs,
-            frame_secs,
-            empty,
+            args, &renderer, &path, &scene, &first, load_secs, frame_secs, empty,
         );
         output::print_json(&report)?;
     }

@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use rayon::prelude::*;
 use vacua_io::write_atomically;
+use vacua_pack::PackedVolume;
 use vacua_render::VolumeSampler;
 
+use super::Failure;
 use super::choice::FieldArgs;
 use super::input::InputArgs;
-use super::packed::{self, PackedValues};
+use super::packed;
 use super::points::{PointReader, write_header, write_value};
-use super::{Failure, Wrong};
 
 /// Points that are sampled at once.
 const CHUNK: usize = 1 << 16;
@@ -64,19 +65,13 @@ enum Sampler {
     /// A dataset as it came.
     Volume(VolumeSampler),
     /// A `.vacua` file.
-    Packed(PackedValues),
+    Packed(PackedVolume),
 }
 
 impl Sampler {
     fn open(args: &SampleArgs) -> Result<Self, Failure> {
         if let Some(file) = packed::open(&args.input)? {
-            if args.field.component.is_some() {
-                return Err(
-                    Wrong("--component: packed fields have one component".to_owned()).into(),
-                );
-            }
-            let path = &args.input.files[0];
-            return PackedValues::load(&file, path, args.field.field.as_ref()).map(Self::Packed);
+            return packed::volume(&file, &args.input.files[0], &args.field).map(Self::Packed);
         }
         let opened = args.input.open()?;
         let volume = args.field.volume(&opened)?;
@@ -88,7 +83,7 @@ impl Sampler {
     fn at(&self, points: &[DVec3]) -> Vec<Option<f64>> {
         match self {
             Self::Volume(sampler) => points.par_iter().map(|&p| sampler.sample(p)).collect(),
-            Self::Packed(values) => values.at(points),
+            Self::Packed(values) => values.values_at(points),
         }
     }
 }

@@ -99,7 +99,7 @@ impl Report {
         Self {
             file: file.display().to_string(),
             output: args.output.display().to_string(),
-            field: scene.volume.name().to_owned(),
+            field: scene.data.name().to_owned(),
             width: first.frame.width,
             height: first.frame.height,
             load_secs,
@@ -128,7 +128,7 @@ impl Report {
             device_secs: renderer.gpu().map(stage_secs),
             threads: report.threads,
             memory: Memory {
-                voxel_bytes: scene.volume.scalars().bytes().len(),
+                voxel_bytes: scene.data.scalars().bytes().len(),
                 macrocell_bytes: report.macrocell_bytes,
                 skip_bytes: report.skip_bytes,
             },

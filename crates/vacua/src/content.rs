@@ -1,0 +1,130 @@
+//! What a file gives: a dataset, or a mesh that was encoded before; and what a scene is made of.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use vacua_io::{IoError, ReadOptions, Source};
+use vacua_pack::PackedVolume;
+use vacua_pack::file::{PackedFile, is_packed};
+use vacua_render::SceneData;
+use vacua_volume::{ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
+
+use crate::quick::Error;
+
+/// What a scene shows: a dataset or an encoded mesh, one field of which is chosen later, or one
+/// field.
+#[derive(Clone, Debug)]
+pub enum Content {
+    /// All that a file holds.
+    Dataset(Dataset),
+    /// A `.vacua` file, used where it is mapped.
+    Encoded(Arc<PackedFile>),
+    /// One scalar field.
+    Data(SceneData),
+}
+
+/// Opens any file that vacua reads, `.vacua` files included.
+///
+/// # Errors
+/// [`IoError`] naming the file, the place in it and what was expected there.
+pub fn open(path: impl AsRef<Path>) -> Result<Content, IoError> {
+    open_with(path, &ReadOptions::default())
+}
+
+/// As [`open`], with what a file does not say of itself.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Content, IoError> {
+    let path = path.as_ref();
+    if path.is_file() {
+        let source = Source::open(path)?;
+        if is_packed(source.bytes()) {
+            let file = PackedFile::from_source(source)?;
+            return Ok(Content::Encoded(Arc::new(file)));
+        }
+    }
+    vacua_io::open_with(path, options).map(Content::Dataset)
+}
+
+impl Content {
+    /// Names of the fields that can be chosen.
+    ///
+    /// # Errors
+    /// [`IoError`] if those of a `.vacua` file are damaged.
+    pub fn field_names(&self) -> Result<Vec<String>, IoError> {
+        Ok(match self {
+            Self::Dataset(dataset) => {
+                let names = dataset.fields().iter().map(|field| field.name().to_owned());
+                names.collect()
+            }
+            Self::Encoded(file) => file.fields()?.into_iter().map(|field| field.name).collect(),
+            Self::Data(data) => vec![data.name().to_owned()],
+        })
+    }
+
+    /// One scalar field, loaded.
+    ///
+    /// # Errors
+    /// [`Error::Dataset`] if there is no such field or component, or several and no choice;
+    /// [`Error::Dataset`] or [`Error::Io`] if it cannot be read.
+    pub fn data(
+        &self,
+        field: &FieldChoice,
+        component: ComponentChoice,
+    ) -> Result<SceneData, Error> {
+        match self {
+            Self::Dataset(dataset) => Ok(dataset.volume(field, component)?.into()),
+            Self::Encoded(file) => {
+                if let ComponentChoice::Index(asked @ 1..) = component {
+                    return Err(Error::Dataset(DatasetError::NoSuchComponent {
+                        name: match field {
+                            FieldChoice::Name(name) => name.clone(),
+                            _ => "of the encoded mesh".to_owned(),
+                        },
+                        asked,
+                        components: 1,
+                    }));
+                }
+                Ok(PackedVolume::open(file, field)?.into())
+            }
+            Self::Data(data) => Ok(data.clone()),
+        }
+    }
+}
+
+impl From<Dataset> for Content {
+    fn from(dataset: Dataset) -> Self {
+        Self::Dataset(dataset)
+    }
+}
+
+impl From<PackedFile> for Content {
+    fn from(file: PackedFile) -> Self {
+        Self::Encoded(Arc::new(file))
+    }
+}
+
+impl From<SceneData> for Content {
+    fn from(data: SceneData) -> Self {
+        Self::Data(data)
+    }
+}
+
+impl From<PackedVolume> for Content {
+    fn from(packed: PackedVolume) -> Self {
+        Self::Data(packed.into())
+    }
+}
+
+impl From<Volume> for Content {
+    fn from(volume: Volume) -> Self {
+        Self::Data(volume.into())
+    }
+}
+
+impl From<Arc<Volume>> for Content {
+    fn from(volume: Arc<Volume>) -> Self {
+        Self::Data(volume.into())
+    }
+}
