@@ -5,7 +5,18 @@
 //! becomes a leaf when no split is cheaper *and* whoever builds can encode such a leaf; otherwise it
 //! is split all the same. Sixteen bins an axis for many primitives (a sample of them for very many),
 //! every place for few.
-//! Deterministic: the result depends on the primitives and their order alone.
+//!
+//! The shape of the tree is decided on boxes of sixteen bits within a frame, a quarter of the work
+//! that `f32` is; where centres come to lie within a few steps of it, those below get a frame of
+//! their own. Boxes of nodes are exact. Deterministic: the result depends on the primitives and
+//! their order alone.
+
+mod few;
+mod prim;
+
+use few::FEW;
+use prim::{Around, Lanes};
+pub use prim::{Box4, Frame, Prim};
 
 /// What a traversal step costs, in primitives.
 pub const TRAVERSAL_COST: f32 = 2.0;
@@ -15,112 +26,9 @@ const MAX_SAH_DEPTH: usize = 48;
 /// Bins an axis.
 const BINS: usize = 16;
 /// Of more primitives than this only every second, third … is binned, at least so many of them.
-const MIN_SAMPLES: usize = 4096;
-/// Up to so many primitives every place to split is tried.
-const MAX_SWEEP: usize = 32;
-
-/// A box of four lanes, the last unused: the compiler makes one vector of it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(16))]
-pub struct Box4 {
-    /// Lower corner.
-    pub lo: [f32; 4],
-    /// Upper corner.
-    pub hi: [f32; 4],
-}
-
-impl Box4 {
-    /// What any box replaces.
-    pub const EMPTY: Self = Self {
-        lo: [f32::INFINITY; 4],
-        hi: [f32::NEG_INFINITY; 4],
-    };
-
-    /// The smallest box around both.
-    #[inline(always)]
-    pub fn union(&self, other: &Self) -> Self {
-        let mut result = *self;
-        for i in 0..4 {
-            result.lo[i] = if other.lo[i] < result.lo[i] {
-                other.lo[i]
-            } else {
-                result.lo[i]
-            };
-            result.hi[i] = if other.hi[i] > result.hi[i] {
-                other.hi[i]
-            } else {
-                result.hi[i]
-            };
-        }
-        result
-    }
-
-    /// The smallest box around this and a point.
-    #[inline(always)]
-    pub fn with_point(&self, p: [f32; 4]) -> Self {
-        self.union(&Self { lo: p, hi: p })
-    }
-
-    /// Half the surface.
-    #[inline(always)]
-    fn half_area(&self) -> f32 {
-        let d = [
-            self.hi[0] - self.lo[0],
-            self.hi[1] - self.lo[1],
-            self.hi[2] - self.lo[2],
-        ];
-        d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
-    }
-
-    /// Lower corner.
-    pub fn lo3(&self) -> [f32; 3] {
-        [self.lo[0], self.lo[1], self.lo[2]]
-    }
-
-    /// Upper corner.
-    pub fn hi3(&self) -> [f32; 3] {
-        [self.hi[0], self.hi[1], self.hi[2]]
-    }
-}
-
-/// A primitive: its box, and its number, sixteen bits in each of the fourth lanes. They are whole
-/// numbers there: as bits they would be subnormal numbers, on which arithmetic is fifty times slower.
-#[derive(Clone, Copy, Debug)]
-pub struct Prim(Box4);
-
-impl Prim {
-    /// A primitive with a box.
-    pub fn new(number: u32, bounds: Box4) -> Self {
-        let mut b = bounds;
-        b.lo[3] = (number & 0xFFFF) as f32;
-        b.hi[3] = (number >> 16) as f32;
-        Self(b)
-    }
-
-    /// The number it was given.
-    #[inline(always)]
-    pub fn number(&self) -> u32 {
-        self.0.lo[3] as u32 | (self.0.hi[3] as u32) << 16
-    }
-
-    /// Its box; the fourth lane means nothing.
-    #[inline(always)]
-    pub fn bounds(&self) -> &Box4 {
-        &self.0
-    }
-
-    /// Twice its centre, scaled down so that it stays finite.
-    #[inline(always)]
-    fn center(&self) -> [f32; 4] {
-        let (lo, hi) = (self.0.lo, self.0.hi);
-        [
-            0.25 * lo[0] + 0.25 * hi[0],
-            0.25 * lo[1] + 0.25 * hi[1],
-            0.25 * lo[2] + 0.25 * hi[2],
-            0.25 * lo[3] + 0.25 * hi[3],
-        ]
-    }
-}
+const MIN_SAMPLES: usize = 1024;
+/// Where centres lie within fewer steps, a finer frame is tried.
+const COARSE_STEPS: u32 = 256;
 
 /// What a binary node has below it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,34 +42,55 @@ pub enum Below {
 /// A node of the binary tree.
 #[derive(Clone, Copy, Debug)]
 pub struct BinaryNode {
-    /// Box around all its primitives.
+    /// Box around everything below.
     pub bounds: Box4,
     /// What is below.
     pub below: Below,
 }
 
-/// Whoever builds decides which leaves there can be.
+/// Knows the primitives, and makes leaves of some.
 pub trait LeafMaker {
-    /// No leaf has more primitives.
+    /// More primitives than this are never offered.
     const MAX_PRIMS: usize;
-    /// What testing one costs on average, in the units of [`TRAVERSAL_COST`].
+
+    /// What testing a primitive costs.
     fn primitive_cost(&self) -> f32 {
         1.0
     }
-    /// Makes a leaf of these primitives and returns its number, or `None` if it cannot. Must succeed
-    /// for one primitive.
-    fn leaf(&mut self, prims: &[Prim]) -> Option<u32>;
+
+    /// The box of a primitive.
+    fn bounds(&self, prim: u32) -> Box4;
+
+    /// Asks for a primitive that may soon be in a leaf.
+    fn prefetch(&self, _prim: u32) {}
+
+    /// Makes a leaf and gives its number and its box, or refuses what cannot be encoded. A single
+    /// primitive is never refused.
+    fn leaf(&mut self, prims: &[Prim]) -> Option<(u32, Box4)>;
 }
 
-/// Builds the tree over at least one primitive, which it reorders. Children come before their
-/// parents, the root is last.
-pub fn build<M: LeafMaker>(prims: &mut [Prim], maker: &mut M) -> Vec<BinaryNode> {
-    let mut nodes = Vec::with_capacity(prims.len() / 2 + 2);
-    Builder {
-        maker,
-        nodes: &mut nodes,
-    }
-    .build(prims, 0);
+/// Memory that builds use one after the other.
+#[derive(Default)]
+pub struct Scratch {
+    prims: Vec<Prim>,
+    nodes: Vec<BinaryNode>,
+}
+
+/// Builds the tree over primitives 0 to `num_prims`, at least one, whose boxes lie within `bounds`.
+/// Nodes come after those below them, the root is last.
+pub fn build<'s, M: LeafMaker>(
+    num_prims: u32,
+    bounds: &Box4,
+    maker: &mut M,
+    scratch: &'s mut Scratch,
+) -> &'s [BinaryNode] {
+    let Scratch { prims, nodes } = scratch;
+    let frame = Frame::new(bounds);
+    prims.clear();
+    prims.extend((0..num_prims).map(|i| frame.prim(i, &maker.bounds(i))));
+    nodes.clear();
+    nodes.reserve(prims.len() / 2 + 2);
+    Builder { maker, nodes }.build(prims, &frame, 0, true);
     nodes
 }
 
@@ -171,36 +100,72 @@ struct Builder<'a, M> {
 }
 
 impl<M: LeafMaker> Builder<'_, M> {
-    fn build(&mut self, prims: &mut [Prim], depth: usize) -> u32 {
-        let mut bounds = Box4::EMPTY;
-        let mut centers = Box4::EMPTY;
-        for p in prims.iter() {
-            bounds = bounds.union(p.bounds());
-            centers = centers.with_point(p.center());
+    /// Builds the tree over primitives and gives its root. `is_own_frame`: the frame was made for
+    /// just these primitives.
+    fn build(
+        &mut self,
+        prims: &mut [Prim],
+        frame: &Frame,
+        depth: usize,
+        is_own_frame: bool,
+    ) -> u32 {
+        let around = Around::of(prims);
+        if !is_own_frame && prims.len() > 2 && around.widest() < COARSE_STEPS {
+            let bounds = prims
+                .iter()
+                .fold(Box4::EMPTY, |b, p| b.union(&self.maker.bounds(p.number())));
+            let finer = Frame::new(&bounds);
+            for p in prims.iter_mut() {
+                *p = finer.prim(p.number(), &self.maker.bounds(p.number()));
+            }
+            return self.build(prims, &finer, depth, true);
         }
-        let split = match prims.len() {
-            0 | 1 => None,
-            _ if depth >= MAX_SAH_DEPTH => Some((f32::INFINITY, prims.len() / 2)),
-            n if n <= MAX_SWEEP => Some(sweep(prims, &bounds)),
-            _ => Some(binned(prims, &bounds, &centers)),
+        if prims.len() <= FEW {
+            return self.build_few(prims, frame, depth);
+        }
+        let (after, middle) = if depth >= MAX_SAH_DEPTH {
+            (f32::INFINITY, prims.len() / 2)
+        } else {
+            binned(prims, frame, &around)
         };
-        let leaf_primitives = prims.len() as f32;
-        let step = TRAVERSAL_COST / self.maker.primitive_cost();
-        let wants_leaf = split.is_none_or(|(after, _)| step + after >= leaf_primitives);
-        if wants_leaf
-            && prims.len() <= M::MAX_PRIMS
-            && let Some(leaf) = self.maker.leaf(prims)
+        if prims.len() <= M::MAX_PRIMS
+            && self.wants_leaf(after, prims.len())
+            && let Some(node) = self.leaf(prims)
         {
-            return self.push(bounds, Below::Leaf(leaf));
+            return node;
         }
-        let middle = split.map_or(prims.len() / 2, |(_, middle)| middle);
         let (left, right) = prims.split_at_mut(middle);
-        let left = self.build(left, depth + 1);
-        let right = self.build(right, depth + 1);
-        self.push(bounds, Below::Nodes(left, right))
+        let left = self.build(left, frame, depth + 1, false);
+        let right = self.build(right, frame, depth + 1, false);
+        self.push(Below::Nodes(left, right))
     }
 
-    fn push(&mut self, bounds: Box4, below: Below) -> u32 {
+    /// Whether a leaf is no dearer than the best split, after which so many tests are left.
+    fn wants_leaf(&self, tests_after: f32, n: usize) -> bool {
+        TRAVERSAL_COST / self.maker.primitive_cost() + tests_after >= n as f32
+    }
+
+    /// Whether a leaf is no dearer than any split.
+    fn is_leaf_anyway(&self, n: usize) -> bool {
+        n < 2 || self.wants_leaf(0.0, n)
+    }
+
+    fn leaf(&mut self, prims: &[Prim]) -> Option<u32> {
+        let (leaf, bounds) = self.maker.leaf(prims)?;
+        self.nodes.push(BinaryNode {
+            bounds,
+            below: Below::Leaf(leaf),
+        });
+        Some((self.nodes.len() - 1) as u32)
+    }
+
+    fn push(&mut self, below: Below) -> u32 {
+        let bounds = match below {
+            Below::Nodes(a, b) => self.nodes[a as usize]
+                .bounds
+                .union(&self.nodes[b as usize].bounds),
+            Below::Leaf(_) => Box4::EMPTY,
+        };
         self.nodes.push(BinaryNode { bounds, below });
         (self.nodes.len() - 1) as u32
     }
@@ -214,94 +179,45 @@ fn tests_after_split(weighted_areas: f32, parent_area: f32) -> f32 {
     if tests.is_nan() { f32::INFINITY } else { tests }
 }
 
-/// Orders the primitives along the best axis and gives the tests left after the best split,
-/// and its place.
-fn sweep(prims: &mut [Prim], bounds: &Box4) -> (f32, usize) {
-    let n = prims.len();
-    let mut best = (f32::INFINITY, n / 2, 0);
-    let mut orders = [[0u64; MAX_SWEEP]; 3];
-    let mut right = [0.0f32; MAX_SWEEP];
-    for (axis, order) in orders.iter_mut().enumerate() {
-        let order = &mut order[..n];
-        for (i, (key, p)) in order.iter_mut().zip(prims.iter()).enumerate() {
-            *key = u64::from(sortable(p.center()[axis])) << 32 | i as u64;
-        }
-        order.sort_unstable();
-        let at = |k: usize| prims[(order[k] & 0xFFFF_FFFF) as usize].bounds();
-        let mut b = Box4::EMPTY;
-        for k in (1..n).rev() {
-            b = b.union(at(k));
-            right[k] = b.half_area() * (n - k) as f32;
-        }
-        let mut b = Box4::EMPTY;
-        for k in 1..n {
-            b = b.union(at(k - 1));
-            let weighted = b.half_area() * k as f32 + right[k];
-            if weighted < best.0 {
-                best = (weighted, k, axis);
-            }
-        }
-    }
-    let mut sorted = [prims[0]; MAX_SWEEP];
-    for (to, key) in sorted.iter_mut().zip(&orders[best.2][..n]) {
-        *to = prims[(key & 0xFFFF_FFFF) as usize];
-    }
-    prims.copy_from_slice(&sorted[..n]);
-    (tests_after_split(best.0, bounds.half_area()), best.1)
-}
-
-/// Bits that order as the numbers do.
-#[inline(always)]
-fn sortable(value: f32) -> u32 {
-    let bits = value.to_bits();
-    bits ^ ((bits as i32 >> 31) as u32 | 0x8000_0000)
-}
-
 /// Partitions the primitives by the best of the planes between bins; gives the tests left
 /// after it, and its place.
-fn binned(prims: &mut [Prim], bounds: &Box4, centers: &Box4) -> (f32, usize) {
+fn binned(prims: &mut [Prim], frame: &Frame, around: &Around) -> (f32, usize) {
     let n = prims.len();
-    // A factor that keeps the largest centre in the last bin.
-    let scale = [0, 1, 2].map(|axis| {
-        let scale = BINS as f32 * 0.999_99 / (centers.hi[axis] - centers.lo[axis]);
-        if scale.is_finite() { scale } else { 0.0 }
-    });
-    let base = centers.lo;
+    // In fixed point, rounded down: the largest centre is in the last bin.
+    let scale_along = |axis| ((BINS as u64) << 32) / u64::from(around.spread(axis) + 1);
+    let scale = [scale_along(0), scale_along(1), scale_along(2)];
     let bin_of = |p: &Prim, axis: usize| {
-        (((p.center()[axis] - base[axis]) * scale[axis]) as usize).min(BINS - 1)
+        let steps = (i32::from(p.center(axis)) - i32::from(around.lo[axis])) as u32;
+        (u64::from(steps).wrapping_mul(scale[axis]) >> 32) as usize % BINS
     };
-    let mut bins = [[(Box4::EMPTY, 0u32); BINS]; 3];
+    let mut bins = [[Lanes::EMPTY; BINS]; 3];
+    let mut counts = [[0u32; BINS]; 3];
     for p in prims.iter().step_by((n / MIN_SAMPLES).max(1)) {
-        for (axis, bins) in bins.iter_mut().enumerate() {
-            let bin = &mut bins[bin_of(p, axis)];
-            bin.0 = bin.0.union(p.bounds());
-            bin.1 += 1;
+        let bounds = p.bounds();
+        for axis in 0..3 {
+            let bin = bin_of(p, axis);
+            bins[axis][bin] = bins[axis][bin].union(&bounds);
+            counts[axis][bin] += 1;
         }
     }
     let mut best = (f32::INFINITY, 0, 0);
-    for (axis, bins) in bins.iter().enumerate() {
+    for axis in 0..3 {
+        let (bins, counts) = (&bins[axis], &counts[axis]);
         let mut right = [(0.0f32, 0u32); BINS];
-        let (mut b, mut count) = (Box4::EMPTY, 0);
+        let (mut b, mut count) = (Lanes::EMPTY, 0);
         for k in (1..BINS).rev() {
-            b = b.union(&bins[k].0);
-            count += bins[k].1;
-            right[k] = (
-                if count > 0 {
-                    b.half_area() * count as f32
-                } else {
-                    0.0
-                },
-                count,
-            );
+            b = b.union(&bins[k]);
+            count += counts[k];
+            right[k] = (frame.half_area(&b) * count as f32, count);
         }
-        let (mut b, mut count) = (Box4::EMPTY, 0);
+        let (mut b, mut count) = (Lanes::EMPTY, 0);
         for k in 1..BINS {
-            b = b.union(&bins[k - 1].0);
-            count += bins[k - 1].1;
+            b = b.union(&bins[k - 1]);
+            count += counts[k - 1];
             if count == 0 || right[k].1 == 0 {
                 continue;
             }
-            let weighted = b.half_area() * count as f32 + right[k].0;
+            let weighted = frame.half_area(&b) * count as f32 + right[k].0;
             if weighted < best.0 {
                 best = (weighted, axis, k);
             }
@@ -312,24 +228,22 @@ fn binned(prims: &mut [Prim], bounds: &Box4, centers: &Box4) -> (f32, usize) {
         return (f32::INFINITY, n / 2);
     }
     let middle = partition(prims, |p| bin_of(p, axis) < plane);
-    (tests_after_split(weighted, bounds.half_area()), middle)
+    let parent = frame.half_area(&around.bounds);
+    (tests_after_split(weighted, parent), middle)
 }
 
-/// Moves those for which `is_left` holds to the front and returns their number.
-pub fn partition<T>(items: &mut [T], mut is_left: impl FnMut(&T) -> bool) -> usize {
-    let (mut i, mut j) = (0, items.len());
-    loop {
-        while i < j && is_left(&items[i]) {
-            i += 1;
-        }
-        while i < j && !is_left(&items[j - 1]) {
-            j -= 1;
-        }
-        if i >= j {
-            return i;
-        }
-        items.swap(i, j - 1);
+/// Moves those for which `is_left` holds to the front and returns their number. No branch depends on
+/// the answers.
+#[inline(always)]
+pub fn partition<T: Copy>(items: &mut [T], mut is_left: impl FnMut(&T) -> bool) -> usize {
+    let mut num_left = 0;
+    for k in 0..items.len() {
+        let item = items[k];
+        items[k] = items[num_left];
+        items[num_left] = item;
+        num_left += usize::from(is_left(&item));
     }
+    num_left
 }
 
 #[cfg(test)]
@@ -337,31 +251,42 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    struct Lists {
+    struct Lists<'a> {
+        boxes: &'a [Box4],
         most: usize,
         lists: Vec<Vec<u32>>,
     }
 
-    impl LeafMaker for Lists {
+    fn around(boxes: impl Iterator<Item = Box4>) -> Box4 {
+        boxes.fold(Box4::EMPTY, |a, b| a.union(&b))
+    }
+
+    impl LeafMaker for Lists<'_> {
         const MAX_PRIMS: usize = 33;
-        fn leaf(&mut self, prims: &[Prim]) -> Option<u32> {
+        fn bounds(&self, prim: u32) -> Box4 {
+            self.boxes[prim as usize]
+        }
+        fn leaf(&mut self, prims: &[Prim]) -> Option<(u32, Box4)> {
             (prims.len() <= self.most).then(|| {
                 self.lists.push(prims.iter().map(Prim::number).collect());
-                (self.lists.len() - 1) as u32
+                let bounds = around(prims.iter().map(|p| self.bounds(p.number())));
+                ((self.lists.len() - 1) as u32, bounds)
             })
         }
     }
 
     fn check(boxes: &[Box4], most: usize) {
-        let mut prims: Vec<Prim> = (0..).zip(boxes).map(|(i, &b)| Prim::new(i, b)).collect();
         let mut maker = Lists {
+            boxes,
             most,
             lists: Vec::new(),
         };
-        let nodes = build(&mut prims, &mut maker);
+        let bounds = around(boxes.iter().copied());
+        let mut scratch = Scratch::default();
+        let nodes = build(boxes.len() as u32, &bounds, &mut maker, &mut scratch);
         let mut seen = vec![0; boxes.len()];
         let mut referenced = vec![0; nodes.len()];
-        for node in &nodes {
+        for node in nodes {
             let contains = |b: &Box4| {
                 (0..3).all(|i| node.bounds.lo[i] <= b.lo[i] && b.hi[i] <= node.bounds.hi[i])
             };

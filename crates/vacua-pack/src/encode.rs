@@ -15,6 +15,7 @@ use crate::layout::{CHILD_DIVISIONS, MultiLeaf, SubmeshHeader};
 use crate::outer::{self, MAX_ITEMS};
 use crate::packed::{Nodes, PackedMesh};
 use crate::partition::{self, INDEX_BITS};
+use crate::pool::Pool;
 use crate::section::Flat;
 use crate::submesh::{self, EncodedSubmesh, LeafTotals};
 
@@ -144,13 +145,14 @@ pub fn encode(mesh: &UnstructuredMesh, options: EncodeOptions) -> Result<Encoded
     );
     let start = Instant::now();
     let mut flat = FlatArrays::new(mesh, partition.cells.len());
+    let scratch = Pool::<submesh::Scratch>::default();
     let batch = SUBMESHES_A_THREAD * rayon::current_num_threads();
     for parts in partition.parts.chunks(batch) {
         let encoded: Result<Vec<EncodedSubmesh>, EncodeError> = parts
             .par_iter()
             .map(|part| {
                 let cells: Vec<u64> = part.clone().map(|i| partition.cells.get(i)).collect();
-                submesh::encode(&input, &cells, variant, index_bits)
+                scratch.with(|s| submesh::encode(&input, &cells, variant, index_bits, s))
             })
             .collect();
         for submesh in encoded? {

@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 /// A number of a cell or point.
-pub trait Id: Copy + Send + Sync + Debug {
+pub trait Id: Copy + Ord + Send + Sync + Debug {
     /// The number that fits by the caller's check.
     fn from_u64(value: u64) -> Self;
     /// The number.
@@ -98,51 +98,62 @@ impl Ids {
     }
 }
 
-/// Numbers points in the order in which they are first seen: an open hash table of 4 bytes a slot.
+/// Numbers points in the order in which they are first seen: an open hash table whose slots hold the
+/// lower half of a point and its number.
+#[derive(Default)]
 pub struct Numbering {
-    slots: Vec<u32>,
+    slots: Vec<u64>,
     points: Vec<u64>,
     shift: u32,
+    /// Whether some point has more than 32 bits.
+    is_wide: bool,
 }
 
-const FREE: u32 = u32::MAX;
+const FREE: u64 = u64::MAX;
 
 impl Numbering {
-    /// An empty numbering.
-    pub fn new() -> Self {
-        Self::with_slots_log2(10)
+    /// Forgets all numbers; `most` points are expected at most.
+    pub fn clear(&mut self, most: usize) {
+        let log2 = (most.max(8) * 2).next_power_of_two().ilog2();
+        self.is_wide = false;
+        self.points.clear();
+        self.slots.clear();
+        self.slots.resize(1 << log2, FREE);
+        self.shift = 64 - log2;
     }
 
-    fn with_slots_log2(log2: u32) -> Self {
-        Self {
-            slots: vec![FREE; 1 << log2],
-            points: Vec::new(),
-            shift: 64 - log2,
-        }
-    }
-
-    /// The number of a point, a new one if it has none yet.
+    /// The number of a point, a new one if it has none yet; below 2^32 − 1.
     #[inline(always)]
     pub fn number(&mut self, point: u64) -> u32 {
         let mask = self.slots.len() - 1;
         let mut slot = self.home(point);
+        self.is_wide |= point >> 32 != 0;
         loop {
-            let number = self.slots[slot];
-            if number == FREE {
+            let found = self.slots[slot];
+            if found == FREE {
                 break;
             }
-            if self.points[number as usize] == point {
-                return number;
+            if found >> 32 == point & 0xFFFF_FFFF {
+                let number = found as u32;
+                if !self.is_wide || self.points[number as usize] == point {
+                    return number;
+                }
             }
             slot = (slot + 1) & mask;
         }
         let number = self.points.len() as u32;
-        self.slots[slot] = number;
+        self.slots[slot] = point << 32 | u64::from(number);
         self.points.push(point);
         if self.points.len() * 2 > self.slots.len() {
             self.grow();
         }
         number
+    }
+
+    /// Asks for the number of a point that will be wanted soon.
+    #[inline(always)]
+    pub fn prefetch(&self, point: u64) {
+        vacua_simd::prefetch(&self.slots, self.home(point));
     }
 
     #[inline(always)]
@@ -152,17 +163,18 @@ impl Numbering {
 
     #[cold]
     fn grow(&mut self) {
-        let mut larger = Self::with_slots_log2(64 - self.shift + 2);
-        let mask = larger.slots.len() - 1;
-        for (number, &point) in (0u32..).zip(&self.points) {
-            let mut slot = larger.home(point);
-            while larger.slots[slot] != FREE {
+        let (points, is_wide) = (std::mem::take(&mut self.points), self.is_wide);
+        self.clear(2 * points.len());
+        self.is_wide = is_wide;
+        let mask = self.slots.len() - 1;
+        for (number, &point) in (0u64..).zip(&points) {
+            let mut slot = self.home(point);
+            while self.slots[slot] != FREE {
                 slot = (slot + 1) & mask;
             }
-            larger.slots[slot] = number;
+            self.slots[slot] = point << 32 | number;
         }
-        self.slots = larger.slots;
-        self.shift = larger.shift;
+        self.points = points;
     }
 
     /// Points by their number.
@@ -177,7 +189,8 @@ mod tests {
 
     #[test]
     fn numbers_follow_first_sight() {
-        let mut numbering = Numbering::new();
+        let mut numbering = Numbering::default();
+        numbering.clear(10);
         let key = |i: u64| i.wrapping_mul(0xD134_2543_DE82_EF95) >> 3;
         for round in 0..2 {
             for i in 0..100_000u64 {

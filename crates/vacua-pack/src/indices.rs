@@ -11,6 +11,13 @@ pub const ALIGNMENT: u64 = 8;
 pub fn pack(words: &[u32], bits: u32, out: &mut Vec<u8>) {
     let filled = words.len().next_multiple_of(ALIGNMENT as usize);
     out.reserve(filled * bits as usize / 8);
+    if bits == 16 {
+        for &word in words {
+            out.extend_from_slice(&(word as u16).to_le_bytes());
+        }
+        out.resize(out.len() + 2 * (filled - words.len()), 0);
+        return;
+    }
     let (mut pending, mut num_pending) = (0u64, 0);
     let fill = std::iter::repeat_n(&0, filled - words.len());
     for &word in words.iter().chain(fill) {

@@ -3,10 +3,12 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
-use vacua_volume::{CellType, Indices, MAX_CELL_POINTS, UnstructuredMesh};
+use vacua_volume::{CellType, Indices, UnstructuredMesh};
 
 /// Work items of a parallel loop over points or cells.
 const CHUNK: usize = 1 << 14;
+/// So many cells ahead positions are asked for.
+const AHEAD: usize = 12;
 
 /// A mesh and the origin to which its stored positions are relative.
 pub struct Input<'a> {
@@ -102,24 +104,54 @@ impl<'a> Input<'a> {
         self.mesh
     }
 
-    /// A cell's type and points.
+    /// Calls `visit` with the points of a cell in order; gives its type.
     #[inline(always)]
-    pub fn cell(&self, cell: u64) -> (CellType, Points) {
+    pub fn visit_points(&self, cell: u64, mut visit: impl FnMut(u64)) -> CellType {
         let cell = cell as usize;
         let Some(cell_type) = self.mesh.uniform_type() else {
             let cell = self.mesh.cell(cell);
-            let mut points = Points::default();
-            cell.points().iter().for_each(|&p| points.push(p));
-            return (cell.cell_type, points);
+            cell.points().iter().for_each(|&p| visit(p));
+            return cell.cell_type;
         };
         let width = cell_type.num_points();
         let place = cell * width..(cell + 1) * width;
-        let mut points = Points::default();
         match self.indices {
-            Indices::U32(all) => all[place].iter().for_each(|&p| points.push(u64::from(p))),
-            Indices::U64(all) => all[place].iter().for_each(|&p| points.push(p)),
+            Indices::U32(all) => all[place].iter().for_each(|&p| visit(u64::from(p))),
+            Indices::U64(all) => all[place].iter().for_each(|&p| visit(p)),
         }
-        (cell_type, points)
+        cell_type
+    }
+
+    /// Asks for the points of a cell that will be visited soon.
+    #[inline(always)]
+    pub fn prefetch_cell(&self, cell: u64) {
+        if let Some(cell_type) = self.mesh.uniform_type() {
+            let first = cell as usize * cell_type.num_points();
+            match self.indices {
+                Indices::U32(all) => vacua_simd::prefetch(all, first),
+                Indices::U64(all) => vacua_simd::prefetch(all, first),
+            }
+        }
+    }
+
+    /// Asks for the positions of a cell that will be needed soon; nothing past the last cell.
+    #[inline(always)]
+    fn prefetch_positions(&self, cell: usize) {
+        if cell < self.mesh.num_cells()
+            && let (Some(p), Some(_)) = (self.positions_f32, self.mesh.uniform_type())
+        {
+            self.visit_points(cell as u64, |point| {
+                vacua_simd::prefetch(p, 3 * point as usize);
+            });
+        }
+    }
+
+    /// Asks for a position that will be needed soon.
+    #[inline(always)]
+    pub fn prefetch_position(&self, point: u64) {
+        if let Some(p) = self.positions_f32 {
+            vacua_simd::prefetch(p, 3 * point as usize);
+        }
     }
 
     /// The middle of the box around a cell, halved, or why the cell is left out.
@@ -128,17 +160,26 @@ impl<'a> Input<'a> {
         if self.mesh.blanked_cells().is_some_and(|b| b.is_blank(cell)) {
             return Err(Unfit::Blanked);
         }
+        self.prefetch_positions(cell + AHEAD);
         let mut lo = [f32::INFINITY; 3];
         let mut hi = [f32::NEG_INFINITY; 3];
         let mut finite = true;
-        for &point in self.cell(cell as u64).1.as_slice() {
+        self.visit_points(cell as u64, |point| {
             let p = self.local(point);
             for axis in 0..3 {
                 finite &= p[axis].is_finite();
-                lo[axis] = lo[axis].min(p[axis]);
-                hi[axis] = hi[axis].max(p[axis]);
+                lo[axis] = if p[axis] < lo[axis] {
+                    p[axis]
+                } else {
+                    lo[axis]
+                };
+                hi[axis] = if p[axis] > hi[axis] {
+                    p[axis]
+                } else {
+                    hi[axis]
+                };
             }
-        }
+        });
         if !finite {
             return Err(Unfit::NotFinite);
         }
@@ -150,29 +191,8 @@ impl<'a> Input<'a> {
     }
 }
 
-/// The points of a cell.
-#[derive(Clone, Copy, Default)]
-pub struct Points {
-    all: [u64; MAX_CELL_POINTS],
-    len: usize,
-}
-
-impl Points {
-    #[inline(always)]
-    fn push(&mut self, point: u64) {
-        self.all[self.len] = point;
-        self.len += 1;
-    }
-
-    /// The points.
-    #[inline(always)]
-    pub fn as_slice(&self) -> &[u64] {
-        &self.all[..self.len]
-    }
-}
-
 /// Consecutive ranges that cover `0..n`, the same whatever the number of threads.
-pub fn chunks(n: usize) -> Vec<Range<usize>> {
+fn chunks(n: usize) -> Vec<Range<usize>> {
     (0..n.div_ceil(CHUNK))
         .map(|c| c * CHUNK..((c + 1) * CHUNK).min(n))
         .collect()

@@ -222,12 +222,22 @@ impl MultiLeaf {
             let width = u32::from(self.hi[axis]) - u32::from(self.lo[axis]);
             // Exact, so that these comparisons are with the very box that is decoded.
             let at = |k: u32| grid.local_from_sixteenths_along(axis, from + width * k);
-            let mut a = 0;
-            while a < last && at(a + 1) <= f64::from(lo[axis]) {
+            let (lo, hi) = (f64::from(lo[axis]), f64::from(hi[axis]));
+            let start = at(0);
+            let divisions = f64::from(CHILD_DIVISIONS) / (at(CHILD_DIVISIONS) - start);
+            let guess = |x: f64| (((x - start) * divisions) as u32).min(last);
+            let mut a = guess(lo);
+            while a > 0 && at(a) > lo {
+                a -= 1;
+            }
+            while a < last && at(a + 1) <= lo {
                 a += 1;
             }
-            let mut b = a;
-            while b < last && at(b + 1) < f64::from(hi[axis]) {
+            let mut b = guess(hi).max(a);
+            while b > a && at(b) >= hi {
+                b -= 1;
+            }
+            while b < last && at(b + 1) < hi {
                 b += 1;
             }
             self.child_bounds[axis][child] = a as u8 | (b as u8) << 4;

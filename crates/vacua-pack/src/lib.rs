@@ -60,6 +60,7 @@ mod outer;
 mod packed;
 mod pairs;
 mod partition;
+mod pool;
 mod section;
 mod submesh;
 mod volume;

@@ -6,7 +6,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::bvh::{self, Below, Box4, LeafMaker, Prim};
+use crate::bvh::{self, Below, Box4, LeafMaker, Prim, Scratch};
 use crate::collapse::multi_nodes;
 use crate::grid::{Grid, exp2};
 use crate::layout::WIDTH;
@@ -128,13 +128,21 @@ impl OuterNode {
     }
 }
 
-struct OneByOne;
+/// Leaves of one item each.
+struct OneByOne {
+    boxes: Vec<Box4>,
+}
 
 impl LeafMaker for OneByOne {
     const MAX_PRIMS: usize = 1;
-    fn leaf(&mut self, prims: &[Prim]) -> Option<u32> {
+
+    fn bounds(&self, prim: u32) -> Box4 {
+        self.boxes[prim as usize]
+    }
+
+    fn leaf(&mut self, prims: &[Prim]) -> Option<(u32, Box4)> {
         match prims {
-            [one] => Some(one.number()),
+            [one] => Some((one.number(), self.bounds(one.number()))),
             _ => None,
         }
     }
@@ -143,26 +151,16 @@ impl LeafMaker for OneByOne {
 /// Builds the tree over items with these boxes, relative to the mesh's origin; at most
 /// [`MAX_ITEMS`].
 pub fn build(boxes: impl Iterator<Item = ([f32; 3], [f32; 3])>) -> Vec<OuterNode> {
-    let mut prims: Vec<Prim> = (0u32..)
-        .zip(boxes)
-        .map(|(i, (lo, hi))| {
-            let corner = |c: [f32; 3]| [c[0], c[1], c[2], 0.0];
-            Prim::new(
-                i,
-                Box4 {
-                    lo: corner(lo),
-                    hi: corner(hi),
-                },
-            )
-        })
-        .collect();
-    if prims.is_empty() {
+    let boxes: Vec<Box4> = boxes.map(|(lo, hi)| Box4::new(lo, hi)).collect();
+    if boxes.is_empty() {
         return Vec::new();
     }
-    let nodes = bvh::build(&mut prims, &mut OneByOne);
-    drop(prims);
+    let bounds = boxes.iter().fold(Box4::EMPTY, |a, b| a.union(b));
+    let num_items = boxes.len() as u32;
+    let mut scratch = Scratch::default();
+    let nodes = bvh::build(num_items, &bounds, &mut OneByOne { boxes }, &mut scratch);
     let mut outer = Vec::new();
-    for wide in multi_nodes(&nodes) {
+    for wide in multi_nodes(nodes) {
         let bounds = nodes[wide.node as usize].bounds;
         let grid = Grid::with_steps(bounds.lo3(), bounds.hi3(), STEPS);
         let mut node = OuterNode {

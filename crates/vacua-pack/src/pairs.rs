@@ -14,14 +14,18 @@ const OPPOSITE_FACE: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 
 pub const MAX_CANDIDATES: usize = 64;
 
 /// The pair that two tetrahedra form, if they do. Neither may repeat a point.
+#[inline(always)]
 pub fn pair_of(first: [u32; 4], second: [u32; 4]) -> Option<[u32; 5]> {
-    let mut apex = None;
-    for (k, v) in first.iter().enumerate() {
-        if !second.contains(v) && apex.replace(k).is_some() {
-            return None;
+    let mut shared = [0; 4];
+    for v in second {
+        for k in 0..4 {
+            shared[k] |= u32::from(first[k] == v);
         }
     }
-    let apex = apex?;
+    if shared[0] + shared[1] + shared[2] + shared[3] != 3 {
+        return None;
+    }
+    let apex = shared.iter().position(|&s| s == 0)?;
     let other = (0..4).find(|&k| !first.contains(&second[k]))?;
     let [a, b, c] = OPPOSITE_FACE[apex].map(|k| first[k]);
     let seen = OPPOSITE_FACE[other].map(|k| second[k]);
@@ -49,6 +53,8 @@ pub fn match_pairs(
 ) -> u64 {
     let n = tets.len().min(MAX_CANDIDATES);
     let mut neighbours = [0u64; MAX_CANDIDATES];
+    // How many of its neighbours are still free.
+    let mut degree = [0u32; MAX_CANDIDATES];
     for i in 0..n {
         if !pairable[i] {
             continue;
@@ -57,30 +63,29 @@ pub fn match_pairs(
             if pairable[j] && pair_of(tets[i], tets[j]).is_some() {
                 neighbours[i] |= 1 << j;
                 neighbours[j] |= 1 << i;
+                degree[i] += 1;
+                degree[j] += 1;
             }
         }
     }
-    let all = if n == 64 { u64::MAX } else { (1 << n) - 1 };
-    let mut free: u64 = all;
-    loop {
-        let degree = |i: usize, free: u64| (neighbours[i] & free).count_ones();
-        let fewest = |set: u64, free: u64| {
-            bits(set)
-                .filter(|&i| degree(i, free) > 0)
-                .min_by_key(|&i| (degree(i, free), i))
-        };
-        let Some(i) = fewest(free, free) else {
-            return free;
-        };
-        let Some(j) = fewest(neighbours[i] & free, free) else {
-            return free;
-        };
+    let mut free: u64 = if n == 64 { u64::MAX } else { (1 << n) - 1 };
+    let fewest = |set: u64, degree: &[u32; MAX_CANDIDATES]| {
+        bits(set)
+            .filter(|&i| degree[i] > 0)
+            .min_by_key(|&i| (degree[i], i))
+    };
+    while let Some(i) = fewest(free, &degree)
+        && let Some(j) = fewest(neighbours[i] & free, &degree)
+    {
         let (i, j) = (i.min(j), i.max(j));
         free &= !(1 << i | 1 << j);
+        bits(neighbours[i]).for_each(|k| degree[k] -= 1);
+        bits(neighbours[j]).for_each(|k| degree[k] -= 1);
         if let Some(five) = pair_of(tets[i], tets[j]) {
             pair(i, j, five);
         }
     }
+    free
 }
 
 /// Places of the bits that are set, lowest first.

@@ -6,25 +6,34 @@
 //! little from the boxes of the cells and take a third of the memory.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use crate::bvh::partition;
-use crate::ids::{Id, Ids, Numbering};
-use crate::input::{Input, Unfit, chunks};
+use crate::ids::{Id, Ids};
+use crate::input::{Input, Unfit};
+use crate::pool::Pool;
 
 /// Fewest and most bits of an index.
 pub const INDEX_BITS: std::ops::RangeInclusive<u32> = 8..=32;
 /// Bins an axis.
 const BINS: usize = 64;
-/// From here on a part is binned in parallel.
-const PARALLEL_CELLS: usize = 1 << 16;
+/// Of more cells than twice this a sample is binned, about so many.
+const SAMPLES: usize = 1 << 16;
+/// Cells of a work item.
+const CHUNK: usize = 1 << 14;
+/// So many cells are between two that are looked at one after the other when points are counted:
+/// neighbours share points, and parts with too many should be known soon.
+const STRIDE: usize = 64;
+/// So many cells ahead memory is asked for.
+const AHEAD: usize = 16;
 /// Deeper than this, parts are halved.
 const MAX_SAH_DEPTH: usize = 64;
 /// So many cells of eight indices fit 32-bit offsets.
 const MAX_CELLS: usize = (u32::MAX / 8) as usize;
 
-/// The cells that are encoded, in the order of their sub-meshes.
+/// The cells that are encoded, in the order of their sub-meshes, and in that of the input in each.
 #[derive(Debug)]
 pub struct Partition {
     /// Numbers of the cells.
@@ -69,22 +78,32 @@ fn finish(
 }
 
 fn split_as<I: Id>(input: &Input, index_bits: u32) -> (Vec<I>, Vec<Range<usize>>, [usize; 2]) {
-    let num_cells = input.mesh().num_cells();
-    let mut entries: Vec<Entry<I>> = Vec::with_capacity(num_cells);
-    let mut left_out = [0; 2];
-    // In batches, so that at no time there are two copies of the whole.
-    for batch in chunks(num_cells).chunks(64) {
-        let found: Vec<(Vec<Entry<I>>, [usize; 2])> = batch
-            .par_iter()
-            .map(|range| entries_of(input, range.clone()))
-            .collect();
-        for (some, out) in found {
-            entries.extend_from_slice(&some);
-            left_out[0] += out[0];
-            left_out[1] += out[1];
+    let left_out = [const { AtomicUsize::new(0) }; 2];
+    let entry = |cell: usize| {
+        let center = input.center(cell).unwrap_or_else(|why| {
+            left_out[usize::from(why == Unfit::NotFinite)].fetch_add(1, Ordering::Relaxed);
+            [f32::NAN; 3]
+        });
+        Entry {
+            center,
+            cell: I::from_u64(cell as u64),
         }
+    };
+    let mut entries = Vec::new();
+    (0..input.mesh().num_cells())
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .map(entry)
+        .collect_into_vec(&mut entries);
+    let left_out = left_out.map(AtomicUsize::into_inner);
+    if left_out != [0; 2] {
+        entries.retain(|e| !e.center[0].is_nan());
     }
-    let splitter = Splitter { input, index_bits };
+    let splitter = Splitter {
+        input,
+        index_bits,
+        sets: Pool::default(),
+    };
     let lengths = if entries.is_empty() {
         Vec::new()
     } else {
@@ -96,36 +115,28 @@ fn split_as<I: Id>(input: &Input, index_bits: u32) -> (Vec<I>, Vec<Range<usize>>
         parts.push(start..start + length);
         start += length;
     }
-    (
-        entries.into_iter().map(|e| e.cell).collect(),
-        parts,
-        left_out,
-    )
-}
-
-fn entries_of<I: Id>(input: &Input, range: Range<usize>) -> (Vec<Entry<I>>, [usize; 2]) {
-    let mut entries = Vec::with_capacity(range.len());
-    let mut left_out = [0; 2];
-    for cell in range {
-        match input.center(cell) {
-            Ok(center) => entries.push(Entry {
-                center,
-                cell: I::from_u64(cell as u64),
-            }),
-            Err(Unfit::Blanked) => left_out[0] += 1,
-            Err(Unfit::NotFinite) => left_out[1] += 1,
-        }
+    let mut cells: Vec<I> = entries.into_iter().map(|e| e.cell).collect();
+    cells.shrink_to_fit();
+    let mut rest = cells.as_mut_slice();
+    let mut slices = Vec::with_capacity(parts.len());
+    for part in &parts {
+        let (slice, after) = std::mem::take(&mut rest).split_at_mut(part.len());
+        slices.push(slice);
+        rest = after;
     }
-    (entries, left_out)
+    slices.into_par_iter().for_each(<[I]>::sort_unstable);
+    (cells, parts, left_out)
 }
 
 struct Splitter<'a, 'b> {
     input: &'a Input<'b>,
     index_bits: u32,
+    sets: Pool<PointSet>,
 }
 
 impl Splitter<'_, '_> {
-    /// Reorders the entries part after part; returns the length of each part.
+    /// Reorders the entries part after part; returns the length of each part. Depends on the set of
+    /// entries alone.
     fn split<I: Id>(&self, entries: &mut [Entry<I>], depth: usize) -> Vec<usize> {
         if self.fits(entries) {
             return vec![entries.len()];
@@ -133,7 +144,7 @@ impl Splitter<'_, '_> {
         let middle = if depth < MAX_SAH_DEPTH {
             split_by_area(entries)
         } else {
-            entries.len() / 2
+            halve(entries)
         };
         let (left, right) = entries.split_at_mut(middle);
         let (mut left, right) = rayon::join(
@@ -149,22 +160,68 @@ impl Splitter<'_, '_> {
         if entries.len() > MAX_CELLS {
             return false;
         }
+        self.sets.with(|points| {
+            points.clear(self.input.mesh().num_points());
+            self.count(entries, points)
+        })
+    }
+
+    /// As [`Self::fits`], with an empty set of points.
+    fn count<I: Id>(&self, entries: &[Entry<I>], points: &mut PointSet) -> bool {
         let most = (1u64 << self.index_bits).min(u64::from(u32::MAX) - 1);
-        let mut numbering = Numbering::new();
         let mut marker = 0;
-        for entry in entries {
-            let (_, points) = self.input.cell(entry.cell.to_u64());
-            let n = points.as_slice().len();
-            marker |= u64::from(n == 5 || n == 6);
-            for &point in points.as_slice() {
-                numbering.number(point);
-            }
-            if numbering.points().len() as u64 + marker > most {
-                return false;
+        for first in 0..STRIDE.min(entries.len()) {
+            for place in (first..entries.len()).step_by(STRIDE) {
+                vacua_simd::prefetch(entries, place + 2 * AHEAD * STRIDE);
+                if let Some(soon) = entries.get(place + AHEAD * STRIDE) {
+                    self.input.prefetch_cell(soon.cell.to_u64());
+                }
+                let cell = entries[place].cell.to_u64();
+                let cell_type = self.input.visit_points(cell, |point| points.insert(point));
+                marker |= u64::from(matches!(cell_type.num_points(), 5 | 6));
+                if points.len + marker > most {
+                    return false;
+                }
             }
         }
         true
     }
+}
+
+/// A set of points, a bit each.
+#[derive(Default)]
+struct PointSet {
+    words: Vec<u64>,
+    /// Words with a bit.
+    used: Vec<usize>,
+    len: u64,
+}
+
+impl PointSet {
+    /// Makes it empty, for points below a number.
+    fn clear(&mut self, num_points: usize) {
+        self.used.drain(..).for_each(|word| self.words[word] = 0);
+        self.words.resize(num_points.div_ceil(64), 0);
+        self.len = 0;
+    }
+
+    #[inline(always)]
+    fn insert(&mut self, point: u64) {
+        let place = (point / 64) as usize;
+        let word = &mut self.words[place];
+        let bit = 1 << (point % 64);
+        if *word == 0 {
+            self.used.push(place);
+        }
+        self.len += u64::from(*word & bit == 0);
+        *word |= bit;
+    }
+}
+
+/// Puts the cells in the order of the input; gives half of their number.
+fn halve<I: Id>(entries: &mut [Entry<I>]) -> usize {
+    entries.sort_unstable_by_key(|e| e.cell);
+    entries.len() / 2
 }
 
 type Bin = ([f32; 3], [f32; 3], u64);
@@ -183,58 +240,40 @@ fn half_area(bin: &Bin) -> f64 {
     d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
 }
 
-/// Folds over entries, in parallel where there are many; `join` must be associative and commutative.
-fn fold<I: Id, A: Send + Sync + Clone>(
-    entries: &[Entry<I>],
-    empty: A,
-    add: impl Fn(&mut A, &Entry<I>) + Sync,
-    join: impl Fn(A, A) -> A + Sync,
-) -> A {
-    let some = |entries: &[Entry<I>]| {
-        let mut sum = empty.clone();
-        entries.iter().for_each(|e| add(&mut sum, e));
-        sum
-    };
-    if entries.len() < PARALLEL_CELLS {
-        return some(entries);
-    }
+/// The centres of cells, or of a sample that depends on the set of cells alone.
+fn sample<I: Id>(entries: &[Entry<I>]) -> Vec<[f32; 3]> {
+    let step = (entries.len() / SAMPLES).max(1) as u64;
+    // Numbers of cells, scrambled, are as good as chance.
+    let limit = u64::MAX / step;
+    let is_in = |e: &&Entry<I>| e.cell.to_u64().wrapping_mul(0x9E37_79B9_7F4A_7C15) <= limit;
     entries
-        .par_chunks(PARALLEL_CELLS / 4)
-        .map(some)
-        .reduce(|| empty.clone(), &join)
+        .par_chunks(8 * CHUNK)
+        .flat_map_iter(|some| some.iter().filter(is_in).map(|e| e.center))
+        .collect()
 }
 
 /// Moves cells to both sides of the best plane between bins; gives the number on the left, which is
 /// neither 0 nor all.
 fn split_by_area<I: Id>(entries: &mut [Entry<I>]) -> usize {
-    let add = |bin: &mut Bin, e: &Entry<I>| {
+    let centers = sample(entries);
+    let add = |bin: &mut Bin, c: &[f32; 3]| {
         for i in 0..3 {
-            let c = e.center[i];
-            bin.0[i] = if c < bin.0[i] { c } else { bin.0[i] };
-            bin.1[i] = if c > bin.1[i] { c } else { bin.1[i] };
+            bin.0[i] = if c[i] < bin.0[i] { c[i] } else { bin.0[i] };
+            bin.1[i] = if c[i] > bin.1[i] { c[i] } else { bin.1[i] };
         }
         bin.2 += 1;
     };
-    let all = fold(entries, EMPTY_BIN, add, |a, b| join_bins(&a, &b));
+    let mut all = EMPTY_BIN;
+    centers.iter().for_each(|c| add(&mut all, c));
     let scale = [0, 1, 2].map(|i| {
         let scale = BINS as f32 * 0.999_99 / (all.1[i] - all.0[i]);
         if scale.is_finite() { scale } else { 0.0 }
     });
-    let bin_of =
-        |e: &Entry<I>, i: usize| (((e.center[i] - all.0[i]) * scale[i]) as usize).min(BINS - 1);
-    let bins = fold(
-        entries,
-        [[EMPTY_BIN; BINS]; 3],
-        |bins, e| (0..3).for_each(|i| add(&mut bins[i][bin_of(e, i)], e)),
-        |mut a, b| {
-            for i in 0..3 {
-                for k in 0..BINS {
-                    a[i][k] = join_bins(&a[i][k], &b[i][k]);
-                }
-            }
-            a
-        },
-    );
+    let bin_of = |c: &[f32; 3], i: usize| (((c[i] - all.0[i]) * scale[i]) as usize).min(BINS - 1);
+    let mut bins = [[EMPTY_BIN; BINS]; 3];
+    for c in &centers {
+        (0..3).for_each(|i| add(&mut bins[i][bin_of(c, i)], c));
+    }
     let mut best = (f64::INFINITY, 0, 0);
     for (axis, bins) in bins.iter().enumerate() {
         let mut right = [EMPTY_BIN; BINS];
@@ -256,9 +295,9 @@ fn split_by_area<I: Id>(entries: &mut [Entry<I>]) -> usize {
     }
     let (_, axis, plane) = best;
     if plane == 0 {
-        return entries.len() / 2;
+        return halve(entries);
     }
-    partition(entries, |e| bin_of(e, axis) < plane)
+    partition(entries, |e| bin_of(&e.center, axis) < plane)
 }
 
 #[cfg(test)]

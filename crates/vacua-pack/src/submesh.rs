@@ -73,66 +73,105 @@ impl LeafTotals {
     }
 }
 
+/// Memory that sub-meshes use one after the other.
+#[derive(Default)]
+pub struct Scratch {
+    gathered: Gathered,
+    tree: bvh::Scratch,
+    leaves: Leaves,
+    final_number: Vec<u32>,
+    words: Vec<u32>,
+}
+
+/// So many cells or points ahead memory is asked for.
+const AHEAD: usize = 16;
+
 /// The cells of a sub-mesh with points numbered from 0 as they are first seen.
+#[derive(Default)]
 struct Gathered {
-    points: Vec<u64>,
+    numbering: Numbering,
     positions: Vec<[f32; 4]>,
-    types: Vec<CellType>,
+    /// Where a cell's corners start, unless all have `width`.
     starts: Vec<u32>,
     corners: Vec<u32>,
+    /// Corners of every cell, if that is one number.
+    width: Option<usize>,
+    num_all: usize,
+    num_cells: [u32; 4],
+    bounds: Option<Box4>,
 }
 
 impl Gathered {
-    fn new(input: &Input, cells: &[u64]) -> Self {
-        let mut numbering = Numbering::new();
-        let mut gathered = Self {
-            points: Vec::new(),
-            positions: Vec::new(),
-            types: Vec::with_capacity(cells.len()),
-            starts: Vec::with_capacity(cells.len() + 1),
-            corners: Vec::with_capacity(cells.len() * 4),
-        };
-        for &cell in cells {
-            let (cell_type, points) = input.cell(cell);
-            gathered.types.push(cell_type);
-            gathered.starts.push(gathered.corners.len() as u32);
-            let corners = points.as_slice().iter().map(|&p| numbering.number(p));
-            gathered.corners.extend(corners);
+    /// Fills it with some cells, whose points are fewer than two to so many bits.
+    fn gather(&mut self, input: &Input, cells: &[u64], index_bits: u32) {
+        let most_points = (cells.len() * 4).min(1 << index_bits);
+        self.numbering.clear(most_points);
+        self.starts.clear();
+        self.corners.clear();
+        self.num_cells = [0; 4];
+        self.num_all = cells.len();
+        self.width = input.mesh().uniform_type().map(CellType::num_points);
+        for (i, &cell) in cells.iter().enumerate() {
+            if let Some(&soon) = cells.get(i + AHEAD) {
+                input.prefetch_cell(soon);
+            }
+            if let Some(&next) = cells.get(i + AHEAD / 4) {
+                input.visit_points(next, |point| self.numbering.prefetch(point));
+            }
+            if self.width.is_none() {
+                self.starts.push(self.corners.len() as u32);
+            }
+            let cell_type = input.visit_points(cell, |point| {
+                self.corners.push(self.numbering.number(point));
+            });
+            self.num_cells[cell_type as usize] += 1;
         }
-        gathered.starts.push(gathered.corners.len() as u32);
-        gathered.points = numbering.points().to_vec();
-        let position = |&point: &u64| {
+        self.starts.push(self.corners.len() as u32);
+        self.positions.clear();
+        let mut bounds = Box4::EMPTY;
+        let points = self.numbering.points();
+        for (i, &point) in points.iter().enumerate() {
+            if let Some(&soon) = points.get(i + AHEAD) {
+                input.prefetch_position(soon);
+            }
             let [x, y, z] = input.local(point);
-            [x, y, z, 0.0]
-        };
-        gathered.positions = gathered.points.iter().map(position).collect();
-        gathered
+            bounds = bounds.with_point([x, y, z, 0.0]);
+            self.positions.push([x, y, z, 0.0]);
+        }
+        self.bounds = Some(bounds);
     }
 
     /// What testing a cell costs on average.
     fn mean_cost(&self) -> f32 {
-        let tets = self.types.iter().filter(|&&t| t == CellType::Tetrahedron);
-        let tets = tets.count() as f32 / self.types.len() as f32;
+        let tets = self.num_cells[CellType::Tetrahedron as usize];
+        let tets = tets as f32 / self.num_all as f32;
         1.0 - tets * (1.0 - TET_COST)
     }
 
+    #[inline(always)]
     fn corners(&self, cell: usize) -> &[u32] {
-        &self.corners[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+        match self.width {
+            Some(width) => &self.corners[cell * width..(cell + 1) * width],
+            None => &self.corners[self.starts[cell] as usize..self.starts[cell + 1] as usize],
+        }
     }
 
-    fn bounds(&self, cell: usize) -> Box4 {
-        let corners = self.corners(cell).iter();
-        corners.fold(Box4::EMPTY, |b, &v| {
-            b.with_point(self.positions[v as usize])
-        })
+    /// The box around some points.
+    #[inline(always)]
+    fn bounds_of(&self, points: &[u32]) -> Box4 {
+        let around = |b: Box4, &v: &u32| b.with_point(self.positions[v as usize]);
+        points.iter().fold(Box4::EMPTY, around)
     }
 
     /// Whether a tetrahedron has positive volume.
     fn is_upright(&self, [a, b, c, d]: [u32; 4]) -> bool {
-        let at = |v: u32| self.positions[v as usize].map(f64::from);
-        let (p, q, r, s) = (at(a), at(b), at(c), at(d));
-        let from = |x: [f64; 4]| [x[0] - p[0], x[1] - p[1], x[2] - p[2]];
-        let (u, v, w) = (from(q), from(r), from(s));
+        let base = &self.positions[a as usize];
+        let from_base = |v: u32| {
+            let p = &self.positions[v as usize];
+            let along = |axis: usize| f64::from(p[axis]) - f64::from(base[axis]);
+            [along(0), along(1), along(2)]
+        };
+        let (u, v, w) = (from_base(b), from_base(c), from_base(d));
         let volume = u[0] * (v[1] * w[2] - v[2] * w[1])
             + u[1] * (v[2] * w[0] - v[0] * w[2])
             + u[2] * (v[0] * w[1] - v[1] * w[0]);
@@ -147,14 +186,27 @@ struct Leaf {
     first_cell: u32,
 }
 
+/// The leaves of a sub-mesh in the order in which they were made.
+#[derive(Default)]
+struct Leaves {
+    leaves: Vec<Leaf>,
+    words: Vec<u32>,
+    cells: Vec<u32>,
+}
+
+impl Leaves {
+    fn clear(&mut self) {
+        self.leaves.clear();
+        self.words.clear();
+        self.cells.clear();
+    }
+}
+
 /// Makes leaves that fit the counters.
 struct CellLeaves<'a> {
     gathered: &'a Gathered,
     mean_cost: f32,
-    upright: Vec<bool>,
-    leaves: Vec<Leaf>,
-    words: Vec<u32>,
-    cells: Vec<u32>,
+    out: &'a mut Leaves,
 }
 
 impl LeafMaker for CellLeaves<'_> {
@@ -164,7 +216,20 @@ impl LeafMaker for CellLeaves<'_> {
         self.mean_cost
     }
 
-    fn leaf(&mut self, prims: &[Prim]) -> Option<u32> {
+    #[inline(always)]
+    fn bounds(&self, cell: u32) -> Box4 {
+        self.gathered
+            .bounds_of(self.gathered.corners(cell as usize))
+    }
+
+    #[inline(always)]
+    fn prefetch(&self, cell: u32) {
+        if let Some(width) = self.gathered.width {
+            vacua_simd::prefetch(&self.gathered.corners, cell as usize * width);
+        }
+    }
+
+    fn leaf(&mut self, prims: &[Prim]) -> Option<(u32, Box4)> {
         let mut tets = [[0; 4]; Self::MAX_PRIMS];
         let mut tet_cells = [0; Self::MAX_PRIMS];
         let mut upright = [false; Self::MAX_PRIMS];
@@ -175,7 +240,7 @@ impl LeafMaker for CellLeaves<'_> {
             if let [a, b, c, d] = *self.gathered.corners(cell as usize) {
                 tets[num_tets] = [a, b, c, d];
                 tet_cells[num_tets] = cell;
-                upright[num_tets] = self.upright[cell as usize];
+                upright[num_tets] = self.gathered.is_upright([a, b, c, d]);
                 num_tets += 1;
             } else {
                 *others.get_mut(num_others)? = cell;
@@ -194,28 +259,32 @@ impl LeafMaker for CellLeaves<'_> {
             others: num_others as u8,
         };
         counts.pack()?;
-        let (first_word, first_cell) = (self.words.len() as u32, self.cells.len() as u32);
+        let out = &mut *self.out;
+        let (first_word, first_cell) = (out.words.len(), out.cells.len() as u32);
+        let mut bounds = Box4::EMPTY;
         for i in bits(single) {
-            self.words.extend(tets[i]);
-            self.cells.push(tet_cells[i]);
+            out.words.extend_from_slice(&tets[i]);
+            out.cells.push(tet_cells[i]);
         }
         for (both, five) in &pairs[..num_pairs] {
-            self.words.extend(five);
-            self.cells.extend(both.map(|i| tet_cells[i]));
+            out.words.extend_from_slice(five);
+            out.cells.extend(both.map(|i| tet_cells[i]));
         }
+        bounds = bounds.union(&self.gathered.bounds_of(&out.words[first_word..]));
         for &cell in &others[..num_others] {
             let corners = self.gathered.corners(cell as usize);
-            self.words.extend(corners);
-            self.words
-                .extend(std::iter::repeat_n(MARKER, OTHER_INDICES - corners.len()));
-            self.cells.push(cell);
+            bounds = bounds.union(&self.gathered.bounds_of(corners));
+            out.words.extend_from_slice(corners);
+            let fill = OTHER_INDICES - corners.len();
+            out.words.extend(std::iter::repeat_n(MARKER, fill));
+            out.cells.push(cell);
         }
-        self.leaves.push(Leaf {
+        out.leaves.push(Leaf {
             counts,
-            first_word,
+            first_word: first_word as u32,
             first_cell,
         });
-        Some((self.leaves.len() - 1) as u32)
+        Some(((out.leaves.len() - 1) as u32, bounds))
     }
 }
 
@@ -228,36 +297,75 @@ pub fn encode(
     cells: &[u64],
     variant: Variant,
     index_bits: u32,
+    scratch: &mut Scratch,
 ) -> Result<EncodedSubmesh, EncodeError> {
-    let gathered = Gathered::new(input, cells);
-    let mut prims: Vec<Prim> = (0..cells.len())
-        .map(|i| Prim::new(i as u32, gathered.bounds(i)))
-        .collect();
-    let upright = (0..cells.len()).map(|i| match *gathered.corners(i) {
-        [a, b, c, d] => gathered.is_upright([a, b, c, d]),
-        _ => false,
-    });
+    let Scratch {
+        gathered,
+        tree,
+        leaves,
+        final_number,
+        words,
+    } = scratch;
+    gathered.gather(input, cells, index_bits);
+    leaves.clear();
     let mut maker = CellLeaves {
-        gathered: &gathered,
+        gathered,
         mean_cost: gathered.mean_cost(),
-        upright: upright.collect(),
-        leaves: Vec::with_capacity(cells.len() / 4),
-        words: Vec::with_capacity(gathered.corners.len()),
-        cells: Vec::with_capacity(cells.len()),
+        out: leaves,
     };
-    let nodes = bvh::build(&mut prims, &mut maker);
-    drop(prims);
-    if u32::try_from(maker.words.len()).is_err() {
+    let bounds = gathered.bounds.unwrap_or(Box4::EMPTY);
+    let nodes = bvh::build(cells.len() as u32, &bounds, &mut maker, tree);
+    if u32::try_from(leaves.words.len()).is_err() {
         return Err(EncodeError::TooManyIndices {
             cells: cells.len() as u64,
-            indices: maker.words.len() as u64,
+            indices: leaves.words.len() as u64,
         });
     }
     let wide = match variant {
-        Variant::MultiLeaves => multi_leaves(&nodes),
-        Variant::MultiNodes => multi_nodes(&nodes),
+        Variant::MultiLeaves => multi_leaves(nodes),
+        Variant::MultiNodes => multi_nodes(nodes),
     };
-    let mut emitter = Emitter::new(input, cells, &maker, &nodes, index_bits);
+    words.clear();
+    final_number.clear();
+    final_number.resize(gathered.positions.len(), u32::MAX);
+    let bounds = nodes[nodes.len() - 1].bounds;
+    let grid = Grid::new(bounds.lo3(), bounds.hi3());
+    let num_points = input.mesh().num_points() as u64;
+    let num_input_cells = input.mesh().num_cells() as u64;
+    let mut emitter = Emitter {
+        cells,
+        gathered,
+        leaves,
+        nodes,
+        grid,
+        marker: u32::MAX >> (32 - index_bits),
+        final_number,
+        words,
+        out: EncodedSubmesh {
+            header: SubmeshHeader {
+                origin: input.origin,
+                grid_base: grid.base,
+                grid_exponent: grid.exponent,
+                num_vertices: gathered.positions.len() as u32,
+                num_cells: gathered.num_cells,
+                lo: bounds.lo3(),
+                hi: bounds.hi3(),
+                num_nodes: wide.len() as u32,
+                ..bytemuck::Zeroable::zeroed()
+            },
+            positions: Vec::with_capacity(gathered.positions.len()),
+            points: Ids::below(num_points, gathered.positions.len()),
+            cells: Ids::below(num_input_cells, cells.len()),
+            indices: Vec::new(),
+            multi_leaves: Vec::new(),
+            multi_nodes: Vec::new(),
+            num_primitives: LeafTotals::default(),
+        },
+    };
+    match variant {
+        Variant::MultiLeaves => emitter.out.multi_leaves.reserve_exact(wide.len()),
+        Variant::MultiNodes => emitter.out.multi_nodes.reserve_exact(wide.len()),
+    }
     for node in &wide {
         let leaf = emitter.node(node);
         match variant {
@@ -268,73 +376,23 @@ pub fn encode(
             }),
         }
     }
-    Ok(emitter.finish(wide.len()))
+    Ok(emitter.finish(index_bits))
 }
 
 /// Writes nodes and their primitives in final order and gives vertices their final numbers.
 struct Emitter<'a> {
-    input: &'a Input<'a>,
     cells: &'a [u64],
-    maker: &'a CellLeaves<'a>,
+    gathered: &'a Gathered,
+    leaves: &'a Leaves,
     nodes: &'a [BinaryNode],
     grid: Grid,
     marker: u32,
-    final_number: Vec<u32>,
-    index_bits: u32,
-    words: Vec<u32>,
+    final_number: &'a mut [u32],
+    words: &'a mut Vec<u32>,
     out: EncodedSubmesh,
 }
 
-impl<'a> Emitter<'a> {
-    fn new(
-        input: &'a Input<'a>,
-        cells: &'a [u64],
-        maker: &'a CellLeaves<'a>,
-        nodes: &'a [BinaryNode],
-        index_bits: u32,
-    ) -> Self {
-        let gathered = maker.gathered;
-        let bounds = nodes[nodes.len() - 1].bounds;
-        let grid = Grid::new(bounds.lo3(), bounds.hi3());
-        let mut num_cells = [0; 4];
-        for &cell_type in &gathered.types {
-            num_cells[cell_type as usize] += 1;
-        }
-        let header = SubmeshHeader {
-            origin: input.origin,
-            grid_base: grid.base,
-            grid_exponent: grid.exponent,
-            num_vertices: gathered.points.len() as u32,
-            num_cells,
-            lo: bounds.lo3(),
-            hi: bounds.hi3(),
-            ..bytemuck::Zeroable::zeroed()
-        };
-        let num_points = input.mesh().num_points() as u64;
-        let num_input_cells = input.mesh().num_cells() as u64;
-        Self {
-            input,
-            cells,
-            maker,
-            nodes,
-            grid,
-            marker: u32::MAX >> (32 - index_bits),
-            final_number: vec![u32::MAX; gathered.points.len()],
-            index_bits,
-            words: Vec::with_capacity(maker.words.len()),
-            out: EncodedSubmesh {
-                header,
-                positions: Vec::with_capacity(gathered.points.len()),
-                points: Ids::below(num_points, gathered.points.len()),
-                cells: Ids::below(num_input_cells, cells.len()),
-                indices: Vec::new(),
-                multi_leaves: Vec::new(),
-                multi_nodes: Vec::new(),
-                num_primitives: LeafTotals::default(),
-            },
-        }
-    }
-
+impl Emitter<'_> {
     fn node(&mut self, wide: &WideNode) -> MultiLeaf {
         let bounds = self.nodes[wide.node as usize].bounds;
         let (lo, hi) = self.grid.quantise(bounds.lo3(), bounds.hi3());
@@ -344,6 +402,9 @@ impl<'a> Emitter<'a> {
             first_index: self.words.len() as u32,
             ..MultiLeaf::EMPTY
         };
+        for &child in wide.children.as_slice() {
+            self.prefetch(child);
+        }
         for (k, &child) in wide.children.as_slice().iter().enumerate().take(WIDTH) {
             let child = &self.nodes[child as usize];
             node.set_child_box(k, &self.grid, child.bounds.lo3(), child.bounds.hi3());
@@ -355,11 +416,23 @@ impl<'a> Emitter<'a> {
         node
     }
 
+    /// Asks for what the leaf at a node will need.
+    fn prefetch(&self, node: u32) {
+        let Below::Leaf(leaf) = self.nodes[node as usize].below else {
+            return;
+        };
+        let leaf = &self.leaves.leaves[leaf as usize];
+        let first = leaf.first_cell as usize;
+        for &cell in &self.leaves.cells[first..first + leaf.counts.num_cells()] {
+            vacua_simd::prefetch(self.cells, cell as usize);
+        }
+    }
+
     fn leaf(&mut self, leaf: usize) -> u8 {
-        let (maker, out) = (self.maker, &mut self.out);
-        let leaf = &maker.leaves[leaf];
+        let (leaves, out) = (self.leaves, &mut self.out);
+        let leaf = &leaves.leaves[leaf];
         let first = leaf.first_word as usize;
-        for &word in &maker.words[first..first + leaf.counts.num_indices()] {
+        for &word in &leaves.words[first..first + leaf.counts.num_indices()] {
             if word == MARKER {
                 self.words.push(self.marker);
                 continue;
@@ -367,14 +440,15 @@ impl<'a> Emitter<'a> {
             let number = &mut self.final_number[word as usize];
             if *number == u32::MAX {
                 *number = out.positions.len() as u32;
-                let point = maker.gathered.points[word as usize];
-                out.positions.push(self.input.local(point));
-                out.points.push(point);
+                let [x, y, z, _] = self.gathered.positions[word as usize];
+                out.positions.push([x, y, z]);
+                out.points
+                    .push(self.gathered.numbering.points()[word as usize]);
             }
             self.words.push(*number);
         }
         let first = leaf.first_cell as usize;
-        for &cell in &maker.cells[first..first + leaf.counts.num_cells()] {
+        for &cell in &leaves.cells[first..first + leaf.counts.num_cells()] {
             out.cells.push(self.cells[cell as usize]);
         }
         out.num_primitives = out.num_primitives.plus(LeafTotals {
@@ -387,10 +461,9 @@ impl<'a> Emitter<'a> {
         leaf.counts.pack().unwrap_or(0)
     }
 
-    fn finish(mut self, num_nodes: usize) -> EncodedSubmesh {
-        self.out.header.num_nodes = num_nodes as u32;
+    fn finish(mut self, index_bits: u32) -> EncodedSubmesh {
         self.out.header.num_indices = self.words.len() as u64;
-        indices::pack(&self.words, self.index_bits, &mut self.out.indices);
+        indices::pack(self.words, index_bits, &mut self.out.indices);
         self.out
     }
 }
