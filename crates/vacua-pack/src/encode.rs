@@ -2,6 +2,7 @@
 //!
 //! Source: paper B, §4 and §5.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -14,9 +15,10 @@ use crate::input::Input;
 use crate::layout::{CHILD_DIVISIONS, MultiLeaf, SubmeshHeader};
 use crate::outer::{self, MAX_ITEMS};
 use crate::packed::{Nodes, PackedMesh};
-use crate::partition::{self, INDEX_BITS};
+use crate::partition::{Group, INDEX_BITS, LeftOut, SplitError, Splitter};
 use crate::pool::Pool;
 use crate::section::Flat;
+use crate::spill::SpillFolder;
 use crate::submesh::{self, EncodedSubmesh, LeafTotals};
 
 /// Sub-meshes a thread between two copies into the common arrays.
@@ -70,6 +72,19 @@ pub enum EncodeError {
         /// Its indices.
         indices: u64,
     },
+    /// A temporary file with what does not fit in memory.
+    #[error("a temporary file beside the output: {0}")]
+    Spill(String),
+    /// One sub-mesh is larger than what may be in memory.
+    #[error(
+        "a sub-mesh of {cells} cells, the memory budget allows {most} at a time; use fewer index bits or more memory"
+    )]
+    Budget {
+        /// Its cells.
+        cells: u64,
+        /// How many may be in memory.
+        most: usize,
+    },
     /// More multi-leaves or sub-meshes than the outer tree can tell apart.
     #[error("{actual} multi-leaves or sub-meshes, the outer tree reaches {MAX_ITEMS}")]
     TooManyItems {
@@ -116,67 +131,213 @@ pub struct Encoded {
     pub report: EncodeReport,
 }
 
+/// What the encoder is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EncodeStage {
+    /// Splitting into sub-meshes; counts cells.
+    Partition,
+    /// Encoding sub-meshes; counts cells.
+    Submeshes,
+    /// Building the outer tree; counts its items.
+    Outer,
+    /// Writing the file; counts bytes.
+    Write,
+}
+
+/// How far it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EncodeProgress {
+    /// Doing what.
+    pub stage: EncodeStage,
+    /// So many of `total` are done.
+    pub done: u64,
+    /// All there are to do; with a memory budget partition and sub-meshes alternate.
+    pub total: u64,
+}
+
+/// Whoever wants to know; called from any thread.
+pub type EncodeObserver<'a> = &'a (dyn Fn(EncodeProgress) + Sync);
+
 /// Encodes a mesh. The same bytes come out whatever the number of threads.
 ///
 /// # Errors
 /// [`EncodeError`]; bad cells are no error but are left out and counted.
 pub fn encode(mesh: &UnstructuredMesh, options: EncodeOptions) -> Result<Encoded, EncodeError> {
-    let EncodeOptions {
-        variant,
-        index_bits,
-    } = options;
-    if !INDEX_BITS.contains(&index_bits) {
-        return Err(EncodeError::IndexBits { actual: index_bits });
-    }
-    let start = Instant::now();
-    let input = Input::new(mesh);
-    let partition = partition::split(&input, index_bits);
-    let mut report = EncodeReport {
-        num_blanked: partition.num_blanked,
-        num_not_finite: partition.num_not_finite,
-        worst_rounding: input.worst_rounding,
-        partition_secs: start.elapsed().as_secs_f64(),
-        ..EncodeReport::default()
-    };
-    tracing::debug!(
-        submeshes = partition.parts.len(),
-        secs = report.partition_secs,
-        "partitioned"
-    );
-    let start = Instant::now();
-    let mut flat = FlatArrays::new(mesh, partition.cells.len());
-    let scratch = Pool::<submesh::Scratch>::default();
-    let batch = SUBMESHES_A_THREAD * rayon::current_num_threads();
-    for parts in partition.parts.chunks(batch) {
-        let encoded: Result<Vec<EncodedSubmesh>, EncodeError> = parts
-            .par_iter()
-            .map(|part| {
-                let cells: Vec<u64> = part.clone().map(|i| partition.cells.get(i)).collect();
-                scratch.with(|s| submesh::encode(&input, &cells, variant, index_bits, s))
-            })
-            .collect();
-        for submesh in encoded? {
-            flat.append(submesh, index_bits);
-        }
-        tracing::debug!(submeshes = flat.submeshes.len(), "encoded");
-    }
-    report.totals = flat.totals;
-    report.submeshes_secs = start.elapsed().as_secs_f64();
+    encode_observed(mesh, options, &|_| ())
+}
 
-    let start = Instant::now();
-    let num_items = match variant {
-        Variant::MultiLeaves => flat.multi_leaves.len(),
-        Variant::MultiNodes => flat.submeshes.len(),
+/// As [`encode`], telling how far it is.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_observed(
+    mesh: &UnstructuredMesh,
+    options: EncodeOptions,
+    observer: EncodeObserver,
+) -> Result<Encoded, EncodeError> {
+    let input = Input::new(mesh);
+    let mut flat = FlatArrays::new(mesh);
+    let work = Work {
+        options,
+        memory: Memory::All,
+        observer,
     };
-    if num_items > MAX_ITEMS {
-        return Err(EncodeError::TooManyItems { actual: num_items });
-    }
-    let outer = match variant {
-        Variant::MultiLeaves => outer::build(flat.multi_leaf_boxes()),
-        Variant::MultiNodes => outer::build(flat.submeshes.iter().map(|s| (s.lo, s.hi))),
+    let mut report = work.encode_submeshes(
+        &input,
+        |submesh| submesh,
+        |submesh| {
+            flat.append(submesh, options.index_bits);
+            Ok::<(), EncodeError>(())
+        },
+    )?;
+    report.totals = flat.totals;
+    let start = Instant::now();
+    let outer = match options.variant {
+        Variant::MultiLeaves => work.outer_tree(flat.multi_leaf_boxes())?,
+        Variant::MultiNodes => work.outer_tree(flat.submeshes.iter().map(|s| (s.lo, s.hi)))?,
     };
     report.outer_secs = start.elapsed().as_secs_f64();
     Ok(flat.finish(options, outer, report))
+}
+
+/// What may be in memory at a time.
+pub(crate) enum Memory {
+    /// The centres of all cells.
+    All,
+    /// Those of so many cells; the others are in a folder.
+    Cells(usize, SpillFolder),
+}
+
+/// An encoding to be.
+pub(crate) struct Work<'a> {
+    pub options: EncodeOptions,
+    pub memory: Memory,
+    pub observer: EncodeObserver<'a>,
+}
+
+impl Work<'_> {
+    /// Encodes all sub-meshes, some at a time: `finish` is called for each on any thread, `append`
+    /// with what comes out in order. The report lacks totals and what happens afterwards.
+    pub fn encode_submeshes<R: Send, E>(
+        &self,
+        input: &Input,
+        finish: impl Fn(EncodedSubmesh) -> R + Sync,
+        mut append: impl FnMut(R) -> Result<(), E>,
+    ) -> Result<EncodeReport, E>
+    where
+        E: From<EncodeError> + Send,
+    {
+        let EncodeOptions {
+            variant,
+            index_bits,
+        } = self.options;
+        if !INDEX_BITS.contains(&index_bits) {
+            return Err(EncodeError::IndexBits { actual: index_bits }.into());
+        }
+        let total = input.mesh().num_cells() as u64;
+        let tell = |stage, done: usize| {
+            let done = done as u64;
+            (self.observer)(EncodeProgress { stage, done, total });
+        };
+        let (num_split, num_encoded) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let split = |cells| {
+            let before = num_split.fetch_add(cells, Ordering::Relaxed);
+            tell(EncodeStage::Partition, before + cells);
+        };
+        let scratch = Pool::<submesh::Scratch>::default();
+        let batch = SUBMESHES_A_THREAD * rayon::current_num_threads();
+        let mut submeshes_secs = 0.0;
+        let mut encode_group = |group: Group| -> Result<(), E> {
+            let start = Instant::now();
+            for parts in group.parts.chunks(batch) {
+                let encoded: Result<Vec<R>, EncodeError> = parts
+                    .par_iter()
+                    .map(|part| {
+                        let cells: Vec<u64> = part.clone().map(|i| group.cells.get(i)).collect();
+                        let encoded = scratch
+                            .with(|s| submesh::encode(input, &cells, variant, index_bits, s))?;
+                        let before = num_encoded.fetch_add(cells.len(), Ordering::Relaxed);
+                        tell(EncodeStage::Submeshes, before + cells.len());
+                        Ok(finish(encoded))
+                    })
+                    .collect();
+                for submesh in encoded? {
+                    append(submesh)?;
+                }
+            }
+            submeshes_secs += start.elapsed().as_secs_f64();
+            Ok(())
+        };
+        let start = Instant::now();
+        tell(EncodeStage::Partition, 0);
+        let splitter = Splitter::new(input, index_bits, &split);
+        let left_out = match &self.memory {
+            Memory::All => {
+                let (group, left_out) = splitter.split_all();
+                encode_group(group)?;
+                left_out
+            }
+            Memory::Cells(most, folder) => {
+                let mut each = |group| encode_group(group).map_err(Stop::Other);
+                let done = splitter.split_on_disk(*most, folder, &mut each);
+                done.map_err(|stop| match stop {
+                    Stop::Split(error) => EncodeError::from(error).into(),
+                    Stop::Other(error) => error,
+                })?
+            }
+        };
+        let LeftOut {
+            num_blanked,
+            num_not_finite,
+        } = left_out;
+        Ok(EncodeReport {
+            num_blanked,
+            num_not_finite,
+            worst_rounding: input.worst_rounding,
+            partition_secs: start.elapsed().as_secs_f64() - submeshes_secs,
+            submeshes_secs,
+            ..EncodeReport::default()
+        })
+    }
+
+    /// The tree over everything.
+    pub fn outer_tree(
+        &self,
+        boxes: impl ExactSizeIterator<Item = ([f32; 3], [f32; 3])>,
+    ) -> Result<Vec<outer::OuterNode>, EncodeError> {
+        let actual = boxes.len();
+        if actual > MAX_ITEMS {
+            return Err(EncodeError::TooManyItems { actual });
+        }
+        let total = actual as u64;
+        let stage = EncodeStage::Outer;
+        let tell = |done| (self.observer)(EncodeProgress { stage, done, total });
+        tell(0);
+        let tree = outer::build(boxes);
+        tell(total);
+        Ok(tree)
+    }
+}
+
+/// Why a split ended early.
+enum Stop<E> {
+    Split(SplitError),
+    Other(E),
+}
+
+impl<E> From<SplitError> for Stop<E> {
+    fn from(error: SplitError) -> Self {
+        Self::Split(error)
+    }
+}
+
+impl From<SplitError> for EncodeError {
+    fn from(error: SplitError) -> Self {
+        match error {
+            SplitError::Io(error) => Self::Spill(error.to_string()),
+            SplitError::PartTooLarge { cells, most } => Self::Budget { cells, most },
+        }
+    }
 }
 
 /// The common arrays while sub-meshes are added.
@@ -191,7 +352,7 @@ struct FlatArrays {
 }
 
 impl FlatArrays {
-    fn new(mesh: &UnstructuredMesh, num_cells: usize) -> Self {
+    fn new(mesh: &UnstructuredMesh) -> Self {
         Self {
             submeshes: Vec::new(),
             multi_leaves: Vec::new(),
@@ -200,7 +361,7 @@ impl FlatArrays {
             indices: Vec::new(),
             map: PackMap {
                 points: Ids::below(mesh.num_points() as u64, 0),
-                cells: Ids::below(mesh.num_cells() as u64, num_cells),
+                cells: Ids::below(mesh.num_cells() as u64, 0),
             },
             totals: LeafTotals::default(),
         }
@@ -223,18 +384,14 @@ impl FlatArrays {
     }
 
     /// Boxes of all multi-leaves as they decode.
-    fn multi_leaf_boxes(&self) -> impl Iterator<Item = ([f32; 3], [f32; 3])> + '_ {
-        self.submeshes.iter().flat_map(|header| {
-            let grid = Grid::of(header);
+    fn multi_leaf_boxes(&self) -> impl ExactSizeIterator<Item = ([f32; 3], [f32; 3])> + '_ {
+        let mut boxes = Vec::with_capacity(self.multi_leaves.len());
+        for header in &self.submeshes {
             let first = header.first_node as usize;
             let nodes = &self.multi_leaves[first..first + header.num_nodes as usize];
-            nodes.iter().map(move |node| {
-                let at = |q: [u16; 3]| {
-                    grid.local_from_sixteenths(q.map(|q| CHILD_DIVISIONS * u32::from(q)))
-                };
-                (at(node.lo).map(below), at(node.hi).map(above))
-            })
-        })
+            boxes.extend(multi_leaf_boxes(header, nodes));
+        }
+        boxes.into_iter()
     }
 
     fn finish(
@@ -262,6 +419,19 @@ impl FlatArrays {
             report,
         }
     }
+}
+
+/// Boxes of the multi-leaves of a sub-mesh as they decode.
+pub(crate) fn multi_leaf_boxes(
+    header: &SubmeshHeader,
+    nodes: &[MultiLeaf],
+) -> impl Iterator<Item = ([f32; 3], [f32; 3])> {
+    let grid = Grid::of(header);
+    nodes.iter().map(move |node| {
+        let at =
+            |q: [u16; 3]| grid.local_from_sixteenths(q.map(|q| CHILD_DIVISIONS * u32::from(q)));
+        (at(node.lo).map(below), at(node.hi).map(above))
+    })
 }
 
 /// The largest finite `f32` not above a number, or the lowest there is.

@@ -10,14 +10,19 @@
 //! a node's ranges:     8 × (lo u8, hi u8), by child, leaf or inner; lo > hi where there is none
 //! ```
 
+mod part;
+
+pub(crate) use part::{FieldPart, cells_before};
+
 use rayon::prelude::*;
 use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
 
 use crate::element::interpolate;
 use crate::encode::PackMap;
-use crate::layout::{Child, WIDTH};
+use crate::layout::WIDTH;
 use crate::locate::Location;
-use crate::packed::{PackedMesh, Submesh};
+use crate::ids::Ids;
+use crate::packed::PackedMesh;
 use crate::section::Flat;
 
 /// A child without any finite value: no range.
@@ -121,16 +126,11 @@ impl PackedField {
                 needed,
             });
         }
-        let packed = dispatch_scalar!(values.scalar_type(), T => {
-            let all: &[T] = bytemuck::cast_slice(values.bytes());
-            let packed: Vec<T> =
-                (0..ids.len()).into_par_iter().map(|i| all[ids.get(i) as usize]).collect();
-            DataArray::from_vec(packed, 1)
-        });
-        let packed = packed.unwrap_or_else(|_| values.clone());
         let cells_before =
             (association == Association::Cell).then(|| Flat::from_vec(count_cells_before(mesh)));
-        let (submesh_ranges, node_ranges) = find_ranges(mesh, association, &packed);
+        let (packed, submesh_ranges, node_ranges) = dispatch_scalar!(values.scalar_type(), T => {
+            pack_parts::<T>(mesh, ids, association, bytemuck::cast_slice(values.bytes()))
+        });
         Ok(Self {
             name: name.to_owned(),
             association,
@@ -272,10 +272,8 @@ fn encode_range(whole: ValueRange, range: Option<ValueRange>) -> [u8; 2] {
         return NO_RANGE;
     };
     // A guess; what is decoded decides.
-    let guess = |v: f64| {
-        let t = (0.5 * v - 0.5 * whole.lo) / (0.5 * whole.hi - 0.5 * whole.lo);
-        (t * STEPS) as u8
-    };
+    let steps = STEPS / (0.5 * whole.hi - 0.5 * whole.lo);
+    let guess = |v: f64| ((0.5 * v - 0.5 * whole.lo) * steps) as u8;
     let (mut lo, mut hi) = (guess(range.lo), guess(range.hi));
     while lo > 0 && decode_step(whole, lo) > range.lo {
         lo -= 1;
@@ -288,105 +286,47 @@ fn encode_range(whole: ValueRange, range: Option<ValueRange>) -> [u8; 2] {
 
 /// For every node the number of cells of its sub-mesh in nodes before it.
 fn count_cells_before(mesh: &PackedMesh) -> Vec<u32> {
-    let mut before = vec![0; mesh.nodes().len()];
-    for submesh in (0..mesh.submeshes().len()).filter_map(|s| mesh.submesh(s)) {
-        let first = submesh.header.first_node as usize;
-        let mut count = 0;
-        for node in 0..submesh.header.num_nodes {
-            if let Some(before) = before.get_mut(first + node as usize) {
-                *before = count;
-            }
-            submesh.cells_of_node(node, |_, _, _| count += 1);
-        }
-    }
-    before
+    let submeshes = (0..mesh.submeshes().len()).into_par_iter();
+    let parts: Vec<Vec<u32>> = submeshes
+        .map(|s| mesh.submesh(s).map_or(Vec::new(), |s| cells_before(&s)))
+        .collect();
+    parts.concat()
 }
 
-type Ranges = (Vec<[f64; 2]>, Vec<[[u8; 2]; WIDTH]>);
+type Packed = (DataArray, Vec<[f64; 2]>, Vec<[[u8; 2]; WIDTH]>);
 
-fn find_ranges(mesh: &PackedMesh, association: Association, values: &DataArray) -> Ranges {
-    let found: Vec<(Option<ValueRange>, Vec<[[u8; 2]; WIDTH]>)> = (0..mesh.submeshes().len())
-        .into_par_iter()
-        .map(|s| match mesh.submesh(s) {
-            None => (None, Vec::new()),
-            Some(submesh) => dispatch_scalar!(values.scalar_type(), T => {
-                submesh_ranges::<T>(&submesh, association, bytemuck::cast_slice(values.bytes()))
-            }),
+/// Values in packed order, and ranges of sub-meshes and nodes. Every number is in the list.
+fn pack_parts<T: Scalar>(
+    mesh: &PackedMesh,
+    ids: &Ids,
+    association: Association,
+    all: &[T],
+) -> Packed {
+    let submeshes = (0..mesh.submeshes().len()).into_par_iter();
+    let parts: Vec<FieldPart<T>> = submeshes
+        .filter_map(|s| {
+            let submesh = mesh.submesh(s)?;
+            let header = submesh.header;
+            let (first, len) = match association {
+                Association::Point => (header.first_vertex, u64::from(header.num_vertices)),
+                Association::Cell => (header.first_cell, header.total_cells()),
+            };
+            let first = usize::try_from(first).ok()?;
+            let end = first.checked_add(usize::try_from(len).ok()?)?;
+            let values = ids.pick(first..end.min(ids.len()), all);
+            Some(FieldPart::of(&submesh, association, values))
         })
         .collect();
-    let mut submeshes = Vec::with_capacity(found.len());
+    let mut values = Vec::with_capacity(ids.len());
+    let mut submeshes = Vec::with_capacity(parts.len());
     let mut nodes = Vec::with_capacity(mesh.nodes().len());
-    for (range, slots) in found {
-        submeshes.push(range.map_or([f64::INFINITY, f64::NEG_INFINITY], |r| [r.lo, r.hi]));
-        nodes.extend(slots);
+    for part in parts {
+        submeshes.push(part.ends());
+        nodes.extend_from_slice(&part.slots);
+        values.extend_from_slice(&part.values);
     }
-    (submeshes, nodes)
-}
-
-fn join(a: Option<ValueRange>, b: Option<ValueRange>) -> Option<ValueRange> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(a.union(b)),
-        (a, b) => a.or(b),
-    }
-}
-
-/// The exact range of a sub-mesh and the slots of its nodes.
-fn submesh_ranges<T: Scalar>(
-    submesh: &Submesh,
-    association: Association,
-    values: &[T],
-) -> (Option<ValueRange>, Vec<[[u8; 2]; WIDTH]>) {
-    let header = submesh.header;
-    let at = |place: u64| {
-        let v = values.get(usize::try_from(place).ok()?)?.to_f64();
-        v.is_finite().then_some(ValueRange { lo: v, hi: v })
-    };
-    let mut exact: Vec<[Option<ValueRange>; WIDTH]> =
-        vec![[None; WIDTH]; header.num_nodes as usize];
-    let mut cell_place = header.first_cell;
-    for number in 0..header.num_nodes {
-        let Some((node, _)) = submesh.node(number) else {
-            continue;
-        };
-        let mut first_index = u64::from(node.first_index);
-        for k in 0..WIDTH {
-            let Child::Leaf(counts) = node.child(k) else {
-                continue;
-            };
-            let slot = &mut exact[number as usize][k];
-            submesh.cells_of_leaf(first_index, counts, |_, cell_type, corners| {
-                match association {
-                    Association::Point => {
-                        for &corner in &corners[..cell_type.num_points()] {
-                            *slot = join(*slot, at(header.first_vertex + u64::from(corner)));
-                        }
-                    }
-                    Association::Cell => *slot = join(*slot, at(cell_place)),
-                }
-                cell_place += 1;
-            });
-            first_index += counts.num_indices() as u64;
-        }
-    }
-    // Children come after their parents: from the last node up.
-    for number in (0..header.num_nodes).rev() {
-        let Some((node, mut next)) = submesh.node(number) else {
-            continue;
-        };
-        for k in 0..WIDTH {
-            if node.child(k) == Child::Inner {
-                let below = exact.get(next as usize);
-                let below = below.and_then(|b| b.iter().copied().fold(None, join));
-                exact[number as usize][k] = below;
-                next += 1;
-            }
-        }
-    }
-    let whole = exact.iter().flatten().copied().fold(None, join);
-    let slots = exact
-        .iter()
-        .map(|node| node.map(|range| whole.map_or(NO_RANGE, |whole| encode_range(whole, range))));
-    (whole, slots.collect())
+    let values = DataArray::from_vec(values, 1).expect("one column divides any length");
+    (values, submeshes, nodes)
 }
 
 #[cfg(test)]

@@ -31,13 +31,28 @@
 //!        3  multi-nodes           52                  18  ranges of sub-meshes, 16 bytes each
 //!        4  outer nodes           96                  19  ranges of nodes, 16 bytes each
 //!        5  positions             12                  20  cells before a node, u32 each
-//!        6  indices, 8 zero bytes at the end
+//!        6  indices, 8 zero bytes at the end          21  time of the field's step, f64;
+//!        7  original number of each vertex                detail: number of the step
+//!        8  original number of each cell
+//! ```
+//!
+//! Kinds 7 and 8, the map with which fields are added later, are optional: lists of numbers in blocks
+//! of 128, each with the bits it needs, differences where those are smaller:
+//!
+//! ```text
+//! byte 0  bits a number takes, 0 to 56; 128 more if they are differences
+//!      1  base   u64   the smallest number; with differences, the first
+//!      9  so many bits for each number, lowest first, filled up to a whole byte:
+//!         the number less the base; or, from the second on, the difference to the one before,
+//!         doubled, or for a negative one doubled and inverted (zigzag)
 //! ```
 //!
 //! Sections of kinds that a reader does not know it leaves alone. Opening checks the header and the
 //! table, reading the mesh or a field checks its sections.
 
 mod read;
+mod spool;
+mod stream;
 mod summary;
 #[cfg(test)]
 mod tests;
@@ -47,7 +62,10 @@ use bytemuck::{Pod, Zeroable};
 
 pub use read::{FieldEntry, PackedFile};
 pub use summary::{FieldSummary, FileSummary};
-pub use write::write_file;
+pub use stream::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
+pub use write::{write_file, write_file_with};
+
+use crate::Variant;
 
 const MAGIC: [u8; 8] = *b"\x89VACUA\r\n";
 /// Layouts that this version reads, and writes.
@@ -64,11 +82,31 @@ const MULTI_NODES: u32 = 3;
 const OUTER: u32 = 4;
 const POSITIONS: u32 = 5;
 const INDICES: u32 = 6;
+const MAP_POINTS: u32 = 7;
+const MAP_CELLS: u32 = 8;
 const NAME: u32 = 16;
 const VALUES: u32 = 17;
 const SUBMESH_RANGES: u32 = 18;
 const NODE_RANGES: u32 = 19;
 const CELLS_BEFORE: u32 = 20;
+const STEP: u32 = 21;
+
+/// The time step that a field is of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldStep {
+    /// Its number, from 0.
+    pub number: u32,
+    /// Its time; the number where the input has no times.
+    pub time: f64,
+}
+
+/// The kind of a variant's nodes.
+fn node_kind(variant: Variant) -> u32 {
+    match variant {
+        Variant::MultiLeaves => MULTI_LEAVES,
+        Variant::MultiNodes => MULTI_NODES,
+    }
+}
 
 /// Whether bytes begin as a `.vacua` file does.
 pub fn is_packed(bytes: &[u8]) -> bool {
@@ -83,6 +121,9 @@ fn kind_name(kind: u32) -> &'static str {
         OUTER => "outer nodes",
         POSITIONS => "positions",
         INDICES => "indices",
+        MAP_POINTS => "map of vertices",
+        MAP_CELLS => "map of cells",
+        STEP => "time step",
         NAME => "field name",
         VALUES => "values",
         SUBMESH_RANGES => "ranges of sub-meshes",

@@ -8,6 +8,8 @@ pub trait Id: Copy + Ord + Send + Sync + Debug {
     fn from_u64(value: u64) -> Self;
     /// The number.
     fn to_u64(self) -> u64;
+    /// A list of numbers.
+    fn list(all: Vec<Self>) -> Ids;
 }
 
 impl Id for u32 {
@@ -17,6 +19,9 @@ impl Id for u32 {
     fn to_u64(self) -> u64 {
         u64::from(self)
     }
+    fn list(all: Vec<Self>) -> Ids {
+        Ids::Narrow(all)
+    }
 }
 
 impl Id for u64 {
@@ -25,6 +30,9 @@ impl Id for u64 {
     }
     fn to_u64(self) -> u64 {
         self
+    }
+    fn list(all: Vec<Self>) -> Ids {
+        Ids::Wide(all)
     }
 }
 
@@ -76,6 +84,17 @@ impl Ids {
         }
     }
 
+    /// The values at some of the numbers.
+    ///
+    /// # Panics
+    /// If a place or a number is past the end.
+    pub fn pick<T: Copy>(&self, places: std::ops::Range<usize>, all: &[T]) -> Vec<T> {
+        match self {
+            Self::Narrow(ids) => pick(&ids[places], all),
+            Self::Wide(ids) => pick(&ids[places], all),
+        }
+    }
+
     /// Length of the list.
     pub fn len(&self) -> usize {
         match self {
@@ -96,6 +115,18 @@ impl Ids {
             Self::Wide(all) => size_of_val(all.as_slice()),
         }
     }
+}
+
+fn pick<I: Id, T: Copy>(ids: &[I], all: &[T]) -> Vec<T> {
+    /// So many values ahead memory is asked for.
+    const AHEAD: usize = 32;
+    let one = |(i, id): (usize, &I)| {
+        if let Some(soon) = ids.get(i + AHEAD) {
+            vacua_simd::prefetch(all, soon.to_u64() as usize);
+        }
+        all[id.to_u64() as usize]
+    };
+    ids.iter().enumerate().map(one).collect()
 }
 
 /// Numbers points in the order in which they are first seen: an open hash table whose slots hold the

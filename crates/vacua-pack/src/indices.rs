@@ -79,6 +79,23 @@ impl<'a> IndexList<'a> {
         u32::MAX >> (32 - self.bits)
     }
 
+    /// Visits so many indices from a place on; none if the list ends before.
+    #[inline(always)]
+    pub(crate) fn visit(self, place: u64, len: usize, mut visit: impl FnMut(u32)) {
+        let end = place.saturating_add(len as u64);
+        if end > self.len() {
+            return;
+        }
+        if self.bits == 16 {
+            let bytes = &self.bytes[2 * place as usize..2 * end as usize];
+            for two in bytes.chunks_exact(2) {
+                visit(u32::from(u16::from_le_bytes([two[0], two[1]])));
+            }
+        } else {
+            (place..end).for_each(|place| visit(self.read_bits(place as usize)));
+        }
+    }
+
     /// `N` indices from a place on; all are the marker if the list ends before.
     #[inline(always)]
     pub fn read<const N: usize>(self, place: u64) -> [u32; N] {

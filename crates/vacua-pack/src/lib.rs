@@ -45,6 +45,7 @@
 pub mod block;
 mod bvh;
 mod collapse;
+mod delta;
 mod element;
 mod encode;
 mod exact;
@@ -62,12 +63,16 @@ mod pairs;
 mod partition;
 mod pool;
 mod section;
+mod spill;
 mod submesh;
 mod volume;
 
 pub use block::{BlockLocator, BlockSampler, Located, Sampled};
 pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
-pub use encode::{EncodeError, EncodeOptions, EncodeReport, Encoded, PackMap, Variant, encode};
+pub use encode::{
+    EncodeError, EncodeObserver, EncodeOptions, EncodeProgress, EncodeReport, EncodeStage, Encoded,
+    PackMap, Variant, encode, encode_observed,
+};
 pub use exact::MeshLocator;
 pub use field::{FieldBytes, PackFieldError, PackedField};
 pub use grid::Grid;

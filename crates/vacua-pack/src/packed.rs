@@ -259,6 +259,27 @@ enum NodeSlice<'a> {
 }
 
 impl<'a> Submesh<'a> {
+    /// A sub-mesh from its parts: nodes of one of the two kinds, none of the other.
+    pub(crate) fn new(
+        header: &'a SubmeshHeader,
+        positions: &'a [[f32; 3]],
+        indices: IndexList<'a>,
+        multi_leaves: &'a [MultiLeaf],
+        multi_nodes: &'a [MultiNode],
+    ) -> Self {
+        Self {
+            header,
+            grid: Grid::of(header),
+            positions,
+            indices,
+            nodes: if multi_leaves.is_empty() {
+                NodeSlice::MultiNodes(multi_nodes)
+            } else {
+                NodeSlice::MultiLeaves(multi_leaves)
+            },
+        }
+    }
+
     /// One of its nodes.
     #[inline(always)]
     pub fn node(&self, node: u32) -> Option<(&'a MultiLeaf, u32)> {

@@ -15,12 +15,16 @@ use crate::ids::{Id, Ids};
 use crate::input::{Input, Unfit};
 use crate::pool::Pool;
 
+mod spilled;
+
+pub use spilled::SplitError;
+
 /// Fewest and most bits of an index.
 pub const INDEX_BITS: std::ops::RangeInclusive<u32> = 8..=32;
 /// Bins an axis.
 const BINS: usize = 64;
 /// Of more cells than twice this a sample is binned, about so many.
-const SAMPLES: usize = 1 << 16;
+const SAMPLES: u64 = 1 << 16;
 /// Cells of a work item.
 const CHUNK: usize = 1 << 14;
 /// So many cells are between two that are looked at one after the other when points are counted:
@@ -33,16 +37,21 @@ const MAX_SAH_DEPTH: usize = 64;
 /// So many cells of eight indices fit 32-bit offsets.
 const MAX_CELLS: usize = (u32::MAX / 8) as usize;
 
-/// The cells that are encoded, in the order of their sub-meshes, and in that of the input in each.
+/// Cells in the order of their sub-meshes, and in that of the input in each.
 #[derive(Debug)]
-pub struct Partition {
+pub struct Group {
     /// Numbers of the cells.
     pub cells: Ids,
     /// A range of `cells` for each sub-mesh.
     pub parts: Vec<Range<usize>>,
-    /// Cells left out because they are blanked.
+}
+
+/// Cells that are not encoded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Because they are blanked.
     pub num_blanked: usize,
-    /// Cells left out because a position is not finite.
+    /// Because a position is not finite.
     pub num_not_finite: usize,
 }
 
@@ -53,92 +62,105 @@ struct Entry<I> {
     cell: I,
 }
 
-/// Splits a mesh. Deterministic whatever the number of threads.
-pub fn split(input: &Input, index_bits: u32) -> Partition {
-    if input.mesh().num_cells() as u64 <= 1 << 32 {
-        let (cells, parts, left_out) = split_as::<u32>(input, index_bits);
-        finish(Ids::Narrow(cells), parts, left_out)
-    } else {
-        let (cells, parts, left_out) = split_as::<u64>(input, index_bits);
-        finish(Ids::Wide(cells), parts, left_out)
-    }
-}
-
-fn finish(
-    cells: Ids,
-    parts: Vec<Range<usize>>,
-    [num_blanked, num_not_finite]: [usize; 2],
-) -> Partition {
-    Partition {
-        cells,
-        parts,
-        num_blanked,
-        num_not_finite,
-    }
-}
-
-fn split_as<I: Id>(input: &Input, index_bits: u32) -> (Vec<I>, Vec<Range<usize>>, [usize; 2]) {
-    let left_out = [const { AtomicUsize::new(0) }; 2];
-    let entry = |cell: usize| {
-        let center = input.center(cell).unwrap_or_else(|why| {
-            left_out[usize::from(why == Unfit::NotFinite)].fetch_add(1, Ordering::Relaxed);
-            [f32::NAN; 3]
-        });
-        Entry {
-            center,
-            cell: I::from_u64(cell as u64),
-        }
-    };
-    let mut entries = Vec::new();
-    (0..input.mesh().num_cells())
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(entry)
-        .collect_into_vec(&mut entries);
-    let left_out = left_out.map(AtomicUsize::into_inner);
-    if left_out != [0; 2] {
-        entries.retain(|e| !e.center[0].is_nan());
-    }
-    let splitter = Splitter {
-        input,
-        index_bits,
-        sets: Pool::default(),
-    };
-    let lengths = if entries.is_empty() {
-        Vec::new()
-    } else {
-        splitter.split(&mut entries, 0)
-    };
-    let mut parts = Vec::with_capacity(lengths.len());
-    let mut start = 0;
-    for length in lengths {
-        parts.push(start..start + length);
-        start += length;
-    }
-    let mut cells: Vec<I> = entries.into_iter().map(|e| e.cell).collect();
-    cells.shrink_to_fit();
-    let mut rest = cells.as_mut_slice();
-    let mut slices = Vec::with_capacity(parts.len());
-    for part in &parts {
-        let (slice, after) = std::mem::take(&mut rest).split_at_mut(part.len());
-        slices.push(slice);
-        rest = after;
-    }
-    slices.into_par_iter().for_each(<[I]>::sort_unstable);
-    (cells, parts, left_out)
-}
-
-struct Splitter<'a, 'b> {
+/// Splits a mesh into parts of few enough vertices. What comes out depends on the mesh and the bits
+/// alone, not on threads, and not on what is in memory at a time.
+pub struct Splitter<'a, 'b> {
     input: &'a Input<'b>,
     index_bits: u32,
     sets: Pool<PointSet>,
+    /// Called with the number of cells whose part is found.
+    done: &'a (dyn Fn(usize) + Sync),
 }
 
-impl Splitter<'_, '_> {
+impl<'a, 'b> Splitter<'a, 'b> {
+    /// For sub-meshes of at most two to so many vertices.
+    pub fn new(
+        input: &'a Input<'b>,
+        index_bits: u32,
+        done: &'a (dyn Fn(usize) + Sync),
+    ) -> Self {
+        Self {
+            input,
+            index_bits,
+            sets: Pool::default(),
+            done,
+        }
+    }
+
+    /// Splits all cells in memory.
+    pub fn split_all(&self) -> (Group, LeftOut) {
+        let num_cells = self.input.mesh().num_cells();
+        if num_cells as u64 <= 1 << 32 {
+            let (entries, left_out) = self.entries::<u32>(0..num_cells);
+            (self.group(entries, 0), left_out)
+        } else {
+            let (entries, left_out) = self.entries::<u64>(0..num_cells);
+            (self.group(entries, 0), left_out)
+        }
+    }
+
+    /// The cells of a range that are encoded, with their centres.
+    fn entries<I: Id>(&self, range: Range<usize>) -> (Vec<Entry<I>>, LeftOut) {
+        let left_out = [const { AtomicUsize::new(0) }; 2];
+        let entry = |cell: usize| {
+            let center = self.input.center(cell).unwrap_or_else(|why| {
+                left_out[usize::from(why == Unfit::NotFinite)].fetch_add(1, Ordering::Relaxed);
+                [f32::NAN; 3]
+            });
+            Entry {
+                center,
+                cell: I::from_u64(cell as u64),
+            }
+        };
+        let mut entries = Vec::new();
+        range
+            .into_par_iter()
+            .with_min_len(CHUNK)
+            .map(entry)
+            .collect_into_vec(&mut entries);
+        let [num_blanked, num_not_finite] = left_out.map(AtomicUsize::into_inner);
+        if num_blanked + num_not_finite > 0 {
+            entries.retain(|e| !e.center[0].is_nan());
+        }
+        let left_out = LeftOut {
+            num_blanked,
+            num_not_finite,
+        };
+        (entries, left_out)
+    }
+
+    /// Splits cells that were `depth` splits away from all of them.
+    fn group<I: Id>(&self, mut entries: Vec<Entry<I>>, depth: usize) -> Group {
+        let lengths = if entries.is_empty() {
+            Vec::new()
+        } else {
+            self.split(&mut entries, depth)
+        };
+        let mut parts = Vec::with_capacity(lengths.len());
+        let mut start = 0;
+        for length in lengths {
+            parts.push(start..start + length);
+            start += length;
+        }
+        let mut cells: Vec<I> = entries.into_iter().map(|e| e.cell).collect();
+        cells.shrink_to_fit();
+        let mut rest = cells.as_mut_slice();
+        let mut slices = Vec::with_capacity(parts.len());
+        for part in &parts {
+            let (slice, after) = std::mem::take(&mut rest).split_at_mut(part.len());
+            slices.push(slice);
+            rest = after;
+        }
+        slices.into_par_iter().for_each(<[I]>::sort_unstable);
+        let cells = I::list(cells);
+        Group { cells, parts }
+    }
+
     /// Reorders the entries part after part; returns the length of each part. Depends on the set of
     /// entries alone.
     fn split<I: Id>(&self, entries: &mut [Entry<I>], depth: usize) -> Vec<usize> {
         if self.fits(entries) {
+            (self.done)(entries.len());
             return vec![entries.len()];
         }
         let middle = if depth < MAX_SAH_DEPTH {
@@ -168,23 +190,27 @@ impl Splitter<'_, '_> {
 
     /// As [`Self::fits`], with an empty set of points.
     fn count<I: Id>(&self, entries: &[Entry<I>], points: &mut PointSet) -> bool {
-        let most = (1u64 << self.index_bits).min(u64::from(u32::MAX) - 1);
-        let mut marker = 0;
         for first in 0..STRIDE.min(entries.len()) {
             for place in (first..entries.len()).step_by(STRIDE) {
                 vacua_simd::prefetch(entries, place + 2 * AHEAD * STRIDE);
                 if let Some(soon) = entries.get(place + AHEAD * STRIDE) {
                     self.input.prefetch_cell(soon.cell.to_u64());
                 }
-                let cell = entries[place].cell.to_u64();
-                let cell_type = self.input.visit_points(cell, |point| points.insert(point));
-                marker |= u64::from(matches!(cell_type.num_points(), 5 | 6));
-                if points.len + marker > most {
+                if !self.has_room(entries[place].cell.to_u64(), points) {
                     return false;
                 }
             }
         }
         true
+    }
+
+    /// Adds the points of a cell; whether there are still few enough.
+    #[inline(always)]
+    fn has_room(&self, cell: u64, points: &mut PointSet) -> bool {
+        let most = (1u64 << self.index_bits).min(u64::from(u32::MAX) - 1);
+        let cell_type = self.input.visit_points(cell, |point| points.insert(point));
+        points.has_marker |= matches!(cell_type.num_points(), 5 | 6);
+        points.len + u64::from(points.has_marker) <= most
     }
 }
 
@@ -195,6 +221,8 @@ struct PointSet {
     /// Words with a bit.
     used: Vec<usize>,
     len: u64,
+    /// Whether an index is reserved.
+    has_marker: bool,
 }
 
 impl PointSet {
@@ -203,6 +231,7 @@ impl PointSet {
         self.used.drain(..).for_each(|word| self.words[word] = 0);
         self.words.resize(num_points.div_ceil(64), 0);
         self.len = 0;
+        self.has_marker = false;
     }
 
     #[inline(always)]
@@ -240,22 +269,56 @@ fn half_area(bin: &Bin) -> f64 {
     d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
 }
 
-/// The centres of cells, or of a sample that depends on the set of cells alone.
+/// Whether a cell is in the sample of so many: it depends on the set of cells alone. Numbers of cells,
+/// scrambled, are as good as chance.
+#[inline(always)]
+fn is_sampled(cell: u64, num_cells: u64) -> bool {
+    let step = (num_cells / SAMPLES).max(1);
+    cell.wrapping_mul(0x9E37_79B9_7F4A_7C15) <= u64::MAX / step
+}
+
+/// The centres of cells, or of a sample.
 fn sample<I: Id>(entries: &[Entry<I>]) -> Vec<[f32; 3]> {
-    let step = (entries.len() / SAMPLES).max(1) as u64;
-    // Numbers of cells, scrambled, are as good as chance.
-    let limit = u64::MAX / step;
-    let is_in = |e: &&Entry<I>| e.cell.to_u64().wrapping_mul(0x9E37_79B9_7F4A_7C15) <= limit;
+    let all = entries.len() as u64;
+    let is_in = |e: &&Entry<I>| is_sampled(e.cell.to_u64(), all);
     entries
         .par_chunks(8 * CHUNK)
         .flat_map_iter(|some| some.iter().filter(is_in).map(|e| e.center))
         .collect()
 }
 
-/// Moves cells to both sides of the best plane between bins; gives the number on the left, which is
-/// neither 0 nor all.
+/// Moves cells to both sides of the best plane; gives the number on the left, which is neither 0 nor
+/// all.
 fn split_by_area<I: Id>(entries: &mut [Entry<I>]) -> usize {
-    let centers = sample(entries);
+    match Plane::best(&sample(entries)) {
+        Some(plane) => partition(entries, |e| plane.is_left(&e.center)),
+        None => halve(entries),
+    }
+}
+
+/// A plane between bins.
+#[derive(Clone, Copy, Debug)]
+struct Plane {
+    axis: usize,
+    start: f32,
+    scale: f32,
+    bin: usize,
+}
+
+#[inline(always)]
+fn bin_of(c: f32, start: f32, scale: f32) -> usize {
+    (((c - start) * scale) as usize).min(BINS - 1)
+}
+
+impl Plane {
+    #[inline(always)]
+    fn is_left(&self, center: &[f32; 3]) -> bool {
+        bin_of(center[self.axis], self.start, self.scale) < self.bin
+    }
+
+    /// The best of the planes that have centres on both sides, whatever their order; `None` if all
+    /// are in one place.
+    fn best(centers: &[[f32; 3]]) -> Option<Self> {
     let add = |bin: &mut Bin, c: &[f32; 3]| {
         for i in 0..3 {
             bin.0[i] = if c[i] < bin.0[i] { c[i] } else { bin.0[i] };
@@ -269,10 +332,9 @@ fn split_by_area<I: Id>(entries: &mut [Entry<I>]) -> usize {
         let scale = BINS as f32 * 0.999_99 / (all.1[i] - all.0[i]);
         if scale.is_finite() { scale } else { 0.0 }
     });
-    let bin_of = |c: &[f32; 3], i: usize| (((c[i] - all.0[i]) * scale[i]) as usize).min(BINS - 1);
     let mut bins = [[EMPTY_BIN; BINS]; 3];
-    for c in &centers {
-        (0..3).for_each(|i| add(&mut bins[i][bin_of(c, i)], c));
+    for c in centers {
+        (0..3).for_each(|i| add(&mut bins[i][bin_of(c[i], all.0[i], scale[i])], c));
     }
     let mut best = (f64::INFINITY, 0, 0);
     for (axis, bins) in bins.iter().enumerate() {
@@ -293,11 +355,14 @@ fn split_by_area<I: Id>(entries: &mut [Entry<I>]) -> usize {
             }
         }
     }
-    let (_, axis, plane) = best;
-    if plane == 0 {
-        return halve(entries);
+    let (_, axis, bin) = best;
+    (bin > 0).then(|| Self {
+        axis,
+        start: all.0[axis],
+        scale: scale[axis],
+        bin,
+    })
     }
-    partition(entries, |e| bin_of(&e.center, axis) < plane)
 }
 
 #[cfg(test)]
@@ -322,7 +387,8 @@ mod tests {
         let mesh = tets_in_a_row(5000);
         let input = Input::new(&mesh);
         for bits in [8, 10, 32] {
-            let p = split(&input, bits);
+            let (p, left_out) = Splitter::new(&input, bits, &|_| ()).split_all();
+            assert_eq!(left_out, LeftOut::default());
             let mut seen = HashSet::new();
             for part in &p.parts {
                 let mut points = HashSet::new();
@@ -340,9 +406,10 @@ mod tests {
     fn numbers_of_64_bits_split_alike() {
         let mesh = tets_in_a_row(3000);
         let input = Input::new(&mesh);
-        let narrow = split_as::<u32>(&input, 9);
-        let wide = split_as::<u64>(&input, 9);
-        assert_eq!(narrow.1, wide.1);
-        assert!(narrow.0.iter().map(|&c| u64::from(c)).eq(wide.0));
+        let splitter = Splitter::new(&input, 9, &|_| ());
+        let narrow = splitter.group(splitter.entries::<u32>(0..3000).0, 0);
+        let wide = splitter.group(splitter.entries::<u64>(0..3000).0, 0);
+        assert_eq!(narrow.parts, wide.parts);
+        assert!((0..3000).all(|i| narrow.cells.get(i) == wide.cells.get(i)));
     }
 }

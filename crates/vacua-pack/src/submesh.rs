@@ -8,7 +8,9 @@ use crate::bvh::{self, Below, BinaryNode, Box4, LeafMaker, Prim};
 use crate::collapse::{WideNode, multi_leaves, multi_nodes};
 use crate::grid::Grid;
 use crate::ids::{Ids, Numbering};
+use crate::indices::IndexList;
 use crate::input::Input;
+use crate::packed::Submesh;
 use crate::layout::{
     LeafCounts, MAX_LEAF_OTHERS, MAX_LEAF_PAIRS, MAX_LEAF_TETS, MultiLeaf, MultiNode,
     OTHER_INDICES, SubmeshHeader, WIDTH,
@@ -37,12 +39,29 @@ pub struct EncodedSubmesh {
     pub cells: Ids,
     /// Its indices, packed.
     pub indices: Vec<u8>,
+    /// Bits of an index.
+    pub index_bits: u32,
     /// Its nodes in variant 1.
     pub multi_leaves: Vec<MultiLeaf>,
     /// Its nodes in variant 2.
     pub multi_nodes: Vec<MultiNode>,
     /// How many primitives there are.
     pub num_primitives: LeafTotals,
+}
+
+impl EncodedSubmesh {
+    /// The sub-mesh as it is seen in a packed mesh, if it were the only one. Needs
+    /// [`indices::PADDING`] bytes after its indices.
+    pub fn view(&self) -> Submesh<'_> {
+        let bits = self.index_bits;
+        Submesh::new(
+            &self.header,
+            &self.positions,
+            IndexList::new(&self.indices, bits),
+            &self.multi_leaves,
+            &self.multi_nodes,
+        )
+    }
 }
 
 /// Primitives, leaves and nodes of a sub-mesh, or of several.
@@ -357,6 +376,7 @@ pub fn encode(
             points: Ids::below(num_points, gathered.positions.len()),
             cells: Ids::below(num_input_cells, cells.len()),
             indices: Vec::new(),
+            index_bits,
             multi_leaves: Vec::new(),
             multi_nodes: Vec::new(),
             num_primitives: LeafTotals::default(),

@@ -10,6 +10,8 @@ use vacua_volume::{Association, ByteStore, DataArray, ScalarType};
 
 use super::*;
 use crate::Variant;
+use crate::delta;
+use crate::encode::PackMap;
 use crate::field::PackedField;
 use crate::indices::{ALIGNMENT as INDEX_ALIGNMENT, PADDING};
 use crate::layout::SubmeshHeader;
@@ -27,7 +29,7 @@ impl ByteStore for FileBytes {
 }
 
 /// What the table says of a field.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FieldEntry {
     /// Its name.
     pub name: String,
@@ -35,6 +37,8 @@ pub struct FieldEntry {
     pub association: Association,
     /// Type of a value.
     pub scalar_type: ScalarType,
+    /// The time step it is of, in files with several.
+    pub step: Option<FieldStep>,
 }
 
 /// An open `.vacua` file: header and table are checked, sections when they are first used.
@@ -169,7 +173,52 @@ impl PackedFile {
             name: std::str::from_utf8(bytes).map_err(bad_name)?.to_owned(),
             association,
             scalar_type,
+            step: self.step_of(field)?,
         })
+    }
+
+    fn step_of(&self, field: u32) -> Result<Option<FieldStep>, Problem> {
+        if self.find(STEP, field).is_err() {
+            return Ok(None);
+        }
+        let (entry, place) = self.section(STEP, field)?;
+        let bytes = self.store.bytes().get(place).unwrap_or(&[]);
+        let time: [u8; 8] = bytes.try_into().map_err(|_| {
+            let place = format!("time step of field {field}");
+            Problem::malformed(place, "8 bytes", bytes.len().to_string())
+        })?;
+        Ok(Some(FieldStep {
+            number: entry.detail,
+            time: f64::from_le_bytes(time),
+        }))
+    }
+
+    /// The map from packed to original order, with which fields are added; `None` if the file was
+    /// written without.
+    ///
+    /// # Errors
+    /// [`IoError`] if it is damaged or does not fit the mesh.
+    ///
+    /// # Cost
+    /// Decodes it at every call: 4 bytes of memory a vertex and a cell, 8 for more than 2^32 cells.
+    pub fn map(&self, mesh: &PackedMesh) -> Result<Option<PackMap>, IoError> {
+        self.read_map(mesh).map_err(|p| p.in_file(&self.path))
+    }
+
+    fn read_map(&self, mesh: &PackedMesh) -> Result<Option<PackMap>, Problem> {
+        if self.find(MAP_POINTS, NO_FIELD).is_err() {
+            return Ok(None);
+        }
+        let list = |kind: u32, len: u64| {
+            let (_, place) = self.section(kind, NO_FIELD)?;
+            let bytes = self.store.bytes().get(place).unwrap_or(&[]);
+            let len = usize::try_from(len).unwrap_or(usize::MAX);
+            delta::decode(kind_name(kind), bytes, len)
+        };
+        Ok(Some(PackMap {
+            points: list(MAP_POINTS, mesh.num_vertices() as u64)?,
+            cells: list(MAP_CELLS, mesh.num_cells())?,
+        }))
     }
 
     /// One field, by its place in [`Self::fields`], for the mesh of this file. Its arrays stay in the

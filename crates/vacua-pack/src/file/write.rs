@@ -7,94 +7,98 @@ use rayon::prelude::*;
 use vacua_io::{IoError, write_atomically};
 use vacua_volume::{Association, ScalarType};
 
+use super::stream::FieldInput;
 use super::*;
-use crate::Variant;
+use crate::delta::DeltaWriter;
+use crate::encode::{EncodeOptions, PackMap};
 use crate::field::PackedField;
-use crate::packed::{Nodes, PackedMesh};
+use crate::ids::Ids;
+use crate::packed::PackedMesh;
+use crate::Variant;
 
 /// A section to be.
-struct Section<'a> {
-    kind: u32,
-    field: u32,
-    detail: u32,
-    bytes: &'a [u8],
+pub(super) struct Section<'a> {
+    pub kind: u32,
+    pub field: u32,
+    pub detail: u32,
+    /// Its bytes, where they are known before any sub-mesh is.
+    pub bytes: Option<&'a [u8]>,
 }
 
-/// Writes a mesh and fields on it. The file appears whole, or stays as it was.
-///
-/// # Errors
-/// [`IoError`] if the folder cannot be written.
-pub fn write_file(path: &Path, mesh: &PackedMesh, fields: &[PackedField]) -> Result<(), IoError> {
-    let sections = sections_of(mesh, fields);
-    let mut offset = (size_of::<Header>() + sections.len() * size_of::<Entry>()) as u64;
-    let sums: Vec<u64> = sections.par_iter().map(|s| checksum(s.bytes)).collect();
-    let mut table = Vec::with_capacity(sections.len());
-    for (section, sum) in sections.iter().zip(sums) {
-        offset = offset.next_multiple_of(ALIGNMENT);
-        table.push(Entry {
-            kind: section.kind,
-            field: section.field,
-            offset,
-            length: section.bytes.len() as u64,
-            checksum: sum,
-            detail: section.detail,
+impl Section<'_> {
+    /// Its entry in the table, but for its place.
+    pub fn entry(&self, length: u64, checksum: u64) -> Entry {
+        Entry {
+            kind: self.kind,
+            field: self.field,
+            offset: 0,
+            length,
+            checksum,
+            detail: self.detail,
             reserved: [0; 7],
-        });
-        offset += section.bytes.len() as u64;
-    }
-    let mut header = Header {
-        magic: MAGIC,
-        major: MAJOR,
-        minor: MINOR,
-        num_sections: table.len() as u32,
-        file_length: offset,
-        table_checksum: checksum(bytemuck::cast_slice(&table)),
-        variant: match mesh.variant {
-            Variant::MultiLeaves => 1,
-            Variant::MultiNodes => 2,
-        },
-        index_bits: mesh.index_bits,
-        reserved: [0; 2],
-        header_checksum: 0,
-    };
-    header.header_checksum = header.checksum();
-    write_atomically(path, |file| {
-        file.write_all(bytemuck::bytes_of(&header))?;
-        file.write_all(bytemuck::cast_slice(&table))?;
-        let mut at = (size_of::<Header>() + size_of_val(table.as_slice())) as u64;
-        for (entry, section) in table.iter().zip(&sections) {
-            let gap = (entry.offset - at) as usize;
-            file.write_all(&[0; ALIGNMENT as usize][..gap])?;
-            file.write_all(section.bytes)?;
-            at = entry.offset + entry.length;
         }
-        Ok(())
-    })
+    }
 }
 
-fn sections_of<'a>(mesh: &'a PackedMesh, fields: &'a [PackedField]) -> Vec<Section<'a>> {
-    let nodes = match mesh.nodes {
-        Nodes::MultiLeaves(_) => MULTI_LEAVES,
-        Nodes::MultiNodes(_) => MULTI_NODES,
+/// What the table says of a field.
+pub(super) struct FieldHead<'a> {
+    name: &'a str,
+    association: Association,
+    scalar_type: ScalarType,
+    step: Option<(u32, [u8; 8])>,
+}
+
+impl<'a> FieldHead<'a> {
+    fn new(
+        name: &'a str,
+        association: Association,
+        scalar_type: ScalarType,
+        step: Option<FieldStep>,
+    ) -> Self {
+        Self {
+            name,
+            association,
+            scalar_type,
+            step: step.map(|s| (s.number, s.time.to_le_bytes())),
+        }
+    }
+
+    /// Of a field that is still to be packed.
+    pub fn of_input(field: &'a FieldInput) -> Self {
+        let scalar_type = field.values.scalar_type();
+        Self::new(&field.name, field.association, scalar_type, field.step)
+    }
+
+    fn of_packed(field: &'a PackedField, step: Option<FieldStep>) -> Self {
+        let scalar_type = field.values.scalar_type();
+        Self::new(&field.name, field.association, scalar_type, step)
+    }
+}
+
+/// The sections of a file in their order.
+pub(super) fn layout_of<'a>(
+    variant: Variant,
+    has_map: bool,
+    fields: &'a [FieldHead<'a>],
+) -> Vec<Section<'a>> {
+    let maps: &[u32] = if has_map {
+        &[MAP_POINTS, MAP_CELLS]
+    } else {
+        &[]
     };
-    let parts = [
-        (SUBMESHES, mesh.submeshes.bytes()),
-        (OUTER, mesh.outer.bytes()),
-        (nodes, mesh.nodes.bytes()),
-        (INDICES, mesh.indices.bytes()),
-        (POSITIONS, mesh.positions.bytes()),
-    ];
+    let parts = [SUBMESHES, OUTER, node_kind(variant), INDICES, POSITIONS];
     let mut sections: Vec<Section> = parts
-        .into_iter()
-        .map(|(kind, bytes)| Section {
+        .iter()
+        .chain(maps)
+        .map(|&kind| Section {
             kind,
             field: NO_FIELD,
             detail: 0,
-            bytes,
+            bytes: None,
         })
         .collect();
     for (number, field) in (0u32..).zip(fields) {
-        let mut add = |kind: u32, detail: u32, bytes: &'a [u8]| {
+        let mut add = |kind: u32, detail: u32, bytes: Option<&'a [u8]>| {
             sections.push(Section {
                 kind,
                 field: number,
@@ -106,15 +110,124 @@ fn sections_of<'a>(mesh: &'a PackedMesh, fields: &'a [PackedField]) -> Vec<Secti
             Association::Point => 0,
             Association::Cell => 1,
         };
-        let number_type = field.values.scalar_type();
-        let place = ScalarType::ALL.iter().position(|&t| t == number_type);
-        add(NAME, association, field.name.as_bytes());
-        add(SUBMESH_RANGES, 0, field.submesh_ranges.bytes());
-        add(NODE_RANGES, 0, field.node_ranges.bytes());
-        if let Some(before) = &field.cells_before {
-            add(CELLS_BEFORE, 0, before.bytes());
+        let place = ScalarType::ALL.iter().position(|&t| t == field.scalar_type);
+        add(NAME, association, Some(field.name.as_bytes()));
+        if let Some((step, time)) = &field.step {
+            add(STEP, *step, Some(time));
         }
-        add(VALUES, place.unwrap_or(0) as u32, field.values.bytes());
+        add(SUBMESH_RANGES, 0, None);
+        add(NODE_RANGES, 0, None);
+        if field.association == Association::Cell {
+            add(CELLS_BEFORE, 0, None);
+        }
+        add(VALUES, place.unwrap_or(0) as u32, None);
     }
     sections
+}
+
+/// Gives sections their places, and the header over them.
+pub(super) fn header_of(options: EncodeOptions, table: &mut [Entry]) -> Header {
+    let mut offset = (size_of::<Header>() + size_of_val(table)) as u64;
+    for entry in table.iter_mut() {
+        entry.offset = offset.next_multiple_of(ALIGNMENT);
+        offset = entry.offset + entry.length;
+    }
+    let mut header = Header {
+        magic: MAGIC,
+        major: MAJOR,
+        minor: MINOR,
+        num_sections: table.len() as u32,
+        file_length: offset,
+        table_checksum: checksum(bytemuck::cast_slice(table)),
+        variant: match options.variant {
+            Variant::MultiLeaves => 1,
+            Variant::MultiNodes => 2,
+        },
+        index_bits: options.index_bits,
+        reserved: [0; 2],
+        header_checksum: 0,
+    };
+    header.header_checksum = header.checksum();
+    header
+}
+
+/// Writes a mesh and fields on it. The file appears whole, or stays as it was.
+///
+/// # Errors
+/// [`IoError`] if the folder cannot be written.
+pub fn write_file(path: &Path, mesh: &PackedMesh, fields: &[PackedField]) -> Result<(), IoError> {
+    let fields: Vec<_> = fields.iter().map(|f| (f.clone(), None)).collect();
+    write_file_with(path, mesh, None, &fields)
+}
+
+/// As [`write_file`], with the map from packed to original order, and with time steps of fields. The
+/// file may be the one that mesh and fields are mapped from.
+///
+/// # Errors
+/// [`IoError`] if the folder cannot be written.
+pub fn write_file_with(
+    path: &Path,
+    mesh: &PackedMesh,
+    map: Option<&PackMap>,
+    fields: &[(PackedField, Option<FieldStep>)],
+) -> Result<(), IoError> {
+    let heads: Vec<FieldHead> = fields
+        .iter()
+        .map(|(field, step)| FieldHead::of_packed(field, *step))
+        .collect();
+    let layout = layout_of(mesh.variant, map.is_some(), &heads);
+    let encoded = map.map(|map| [&map.points, &map.cells].map(encode_ids));
+    let bytes_of = |section: &Section| -> &[u8] {
+        let field = || fields.get(section.field as usize).map(|(field, _)| field);
+        let of_field = |get: fn(&PackedField) -> &[u8]| field().map_or(&[][..], get);
+        let of_map = |which: usize| encoded.as_ref().map_or(&[][..], |e| &e[which]);
+        match section.kind {
+            SUBMESHES => mesh.submeshes.bytes(),
+            OUTER => mesh.outer.bytes(),
+            MULTI_LEAVES | MULTI_NODES => mesh.nodes.bytes(),
+            INDICES => mesh.indices.bytes(),
+            POSITIONS => mesh.positions.bytes(),
+            MAP_POINTS => of_map(0),
+            MAP_CELLS => of_map(1),
+            SUBMESH_RANGES => of_field(|f| f.submesh_ranges.bytes()),
+            NODE_RANGES => of_field(|f| f.node_ranges.bytes()),
+            CELLS_BEFORE => of_field(|f| f.cells_before.as_ref().map_or(&[], |c| c.bytes())),
+            _ => of_field(|f| f.values.bytes()),
+        }
+    };
+    let pieces: Vec<&[u8]> = layout
+        .iter()
+        .map(|section| section.bytes.unwrap_or_else(|| bytes_of(section)))
+        .collect();
+    let sums: Vec<u64> = pieces.par_iter().map(|bytes| checksum(bytes)).collect();
+    let mut table: Vec<Entry> = layout
+        .iter()
+        .zip(&pieces)
+        .zip(sums)
+        .map(|((section, bytes), sum)| section.entry(bytes.len() as u64, sum))
+        .collect();
+    let options = EncodeOptions {
+        variant: mesh.variant,
+        index_bits: mesh.index_bits,
+    };
+    let header = header_of(options, &mut table);
+    write_atomically(path, |file| {
+        file.write_all(bytemuck::bytes_of(&header))?;
+        file.write_all(bytemuck::cast_slice(&table))?;
+        let mut at = (size_of::<Header>() + size_of_val(table.as_slice())) as u64;
+        for (entry, bytes) in table.iter().zip(&pieces) {
+            let gap = (entry.offset - at) as usize;
+            file.write_all(&[0; ALIGNMENT as usize][..gap])?;
+            file.write_all(bytes)?;
+            at = entry.offset + entry.length;
+        }
+        Ok(())
+    })
+}
+
+fn encode_ids(ids: &Ids) -> Vec<u8> {
+    let (mut writer, mut out) = (DeltaWriter::default(), Vec::new());
+    writer.append(ids, &mut out);
+    writer.flush(&mut out);
+    out
 }
