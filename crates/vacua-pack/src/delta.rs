@@ -172,15 +172,18 @@ pub fn decode(what: &str, bytes: &[u8], len: usize) -> Result<Ids, Problem> {
     let mut blocks = Vec::with_capacity(num_blocks);
     let mut rest = bytes;
     for number in 0..num_blocks {
-        let (block, after) =
-            block(rest, len - number * BLOCK).ok_or_else(|| too_short(number))?;
+        let (block, after) = block(rest, len - number * BLOCK).ok_or_else(|| too_short(number))?;
         blocks.push(block);
         rest = after;
     }
     if !rest.is_empty() {
         let expected = format!("{num_blocks} blocks");
         let found = format!("{} bytes more", rest.len());
-        return Err(Problem::malformed(format!("end of the {what}"), expected, found));
+        return Err(Problem::malformed(
+            format!("end of the {what}"),
+            expected,
+            found,
+        ));
     }
     let mut ids = vec![0u32; len];
     let pieces = ids.par_chunks_mut(BLOCK).zip(&blocks);

@@ -19,9 +19,9 @@ use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
 
 use crate::element::interpolate;
 use crate::encode::PackMap;
+use crate::ids::Ids;
 use crate::layout::WIDTH;
 use crate::locate::Location;
-use crate::ids::Ids;
 use crate::packed::PackedMesh;
 use crate::section::Flat;
 

@@ -61,8 +61,8 @@ mod write;
 use bytemuck::{Pod, Zeroable};
 
 pub use read::{FieldEntry, PackedFile};
-pub use summary::{FieldSummary, FileSummary};
 pub use stream::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
+pub use summary::{FieldSummary, FileSummary};
 pub use write::{write_file, write_file_with};
 
 use crate::Variant;

@@ -74,11 +74,7 @@ pub struct Splitter<'a, 'b> {
 
 impl<'a, 'b> Splitter<'a, 'b> {
     /// For sub-meshes of at most two to so many vertices.
-    pub fn new(
-        input: &'a Input<'b>,
-        index_bits: u32,
-        done: &'a (dyn Fn(usize) + Sync),
-    ) -> Self {
+    pub fn new(input: &'a Input<'b>, index_bits: u32, done: &'a (dyn Fn(usize) + Sync)) -> Self {
         Self {
             input,
             index_bits,
@@ -319,49 +315,50 @@ impl Plane {
     /// The best of the planes that have centres on both sides, whatever their order; `None` if all
     /// are in one place.
     fn best(centers: &[[f32; 3]]) -> Option<Self> {
-    let add = |bin: &mut Bin, c: &[f32; 3]| {
-        for i in 0..3 {
-            bin.0[i] = if c[i] < bin.0[i] { c[i] } else { bin.0[i] };
-            bin.1[i] = if c[i] > bin.1[i] { c[i] } else { bin.1[i] };
-        }
-        bin.2 += 1;
-    };
-    let mut all = EMPTY_BIN;
-    centers.iter().for_each(|c| add(&mut all, c));
-    let scale = [0, 1, 2].map(|i| {
-        let scale = BINS as f32 * 0.999_99 / (all.1[i] - all.0[i]);
-        if scale.is_finite() { scale } else { 0.0 }
-    });
-    let mut bins = [[EMPTY_BIN; BINS]; 3];
-    for c in centers {
-        (0..3).for_each(|i| add(&mut bins[i][bin_of(c[i], all.0[i], scale[i])], c));
-    }
-    let mut best = (f64::INFINITY, 0, 0);
-    for (axis, bins) in bins.iter().enumerate() {
-        let mut right = [EMPTY_BIN; BINS];
-        right[BINS - 1] = bins[BINS - 1];
-        for k in (1..BINS - 1).rev() {
-            right[k] = join_bins(&bins[k], &right[k + 1]);
-        }
-        let mut left = EMPTY_BIN;
-        for k in 1..BINS {
-            left = join_bins(&left, &bins[k - 1]);
-            if left.2 == 0 || right[k].2 == 0 {
-                continue;
+        let add = |bin: &mut Bin, c: &[f32; 3]| {
+            for i in 0..3 {
+                bin.0[i] = if c[i] < bin.0[i] { c[i] } else { bin.0[i] };
+                bin.1[i] = if c[i] > bin.1[i] { c[i] } else { bin.1[i] };
             }
-            let cost = half_area(&left) * left.2 as f64 + half_area(&right[k]) * right[k].2 as f64;
-            if cost < best.0 {
-                best = (cost, axis, k);
+            bin.2 += 1;
+        };
+        let mut all = EMPTY_BIN;
+        centers.iter().for_each(|c| add(&mut all, c));
+        let scale = [0, 1, 2].map(|i| {
+            let scale = BINS as f32 * 0.999_99 / (all.1[i] - all.0[i]);
+            if scale.is_finite() { scale } else { 0.0 }
+        });
+        let mut bins = [[EMPTY_BIN; BINS]; 3];
+        for c in centers {
+            (0..3).for_each(|i| add(&mut bins[i][bin_of(c[i], all.0[i], scale[i])], c));
+        }
+        let mut best = (f64::INFINITY, 0, 0);
+        for (axis, bins) in bins.iter().enumerate() {
+            let mut right = [EMPTY_BIN; BINS];
+            right[BINS - 1] = bins[BINS - 1];
+            for k in (1..BINS - 1).rev() {
+                right[k] = join_bins(&bins[k], &right[k + 1]);
+            }
+            let mut left = EMPTY_BIN;
+            for k in 1..BINS {
+                left = join_bins(&left, &bins[k - 1]);
+                if left.2 == 0 || right[k].2 == 0 {
+                    continue;
+                }
+                let cost =
+                    half_area(&left) * left.2 as f64 + half_area(&right[k]) * right[k].2 as f64;
+                if cost < best.0 {
+                    best = (cost, axis, k);
+                }
             }
         }
-    }
-    let (_, axis, bin) = best;
-    (bin > 0).then(|| Self {
-        axis,
-        start: all.0[axis],
-        scale: scale[axis],
-        bin,
-    })
+        let (_, axis, bin) = best;
+        (bin > 0).then(|| Self {
+            axis,
+            start: all.0[axis],
+            scale: scale[axis],
+            bin,
+        })
     }
 }
 

@@ -10,11 +10,11 @@ use crate::grid::Grid;
 use crate::ids::{Ids, Numbering};
 use crate::indices::IndexList;
 use crate::input::Input;
-use crate::packed::Submesh;
 use crate::layout::{
     LeafCounts, MAX_LEAF_OTHERS, MAX_LEAF_PAIRS, MAX_LEAF_TETS, MultiLeaf, MultiNode,
     OTHER_INDICES, SubmeshHeader, WIDTH,
 };
+use crate::packed::Submesh;
 use crate::pairs::{bits, match_pairs};
 use crate::{EncodeError, Variant, indices};
 

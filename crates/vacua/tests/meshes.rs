@@ -182,6 +182,89 @@ fn fields_are_chosen_by_name_and_component() {
 }
 
 #[test]
+fn fields_are_added_and_swapped_without_encoding_again() {
+    let folder = folder();
+    let path = |name: &str| text(&folder.path().join(name));
+    let can = data("can.vtu");
+    let (plain, updated, fresh) = (path("plain"), path("updated"), path("fresh"));
+    succeed(&["encode", &can, "-o", &plain, "--fields", "EQPS"]);
+    let message = fails(&["encode", &can, "--update", &plain], 1);
+    assert!(message.contains("--keep-map"), "{message}");
+    let kept = ["encode", &can, "--keep-map", "-o"];
+    succeed(&[&kept[..], &[&updated, "--fields", "DISPL:2,EQPS"]].concat());
+    let swap = ["encode", &can, "--update", &updated, "--json"];
+    let report = as_json(&[&swap[..], &["--fields", "EQPS,VEL:all"]].concat());
+    assert_eq!(report["swapped"], json!(["EQPS"]));
+    assert_eq!(report["added"], json!(["VEL", "VEL:0", "VEL:1", "VEL:2"]));
+    assert_eq!(report["kept"], json!(["DISPL:2"]));
+    succeed(&[&kept[..], &[&fresh, "--fields", "DISPL:2,EQPS,VEL:all"]].concat());
+    let read = |path: &str| std::fs::read(path).expect("written");
+    assert!(
+        read(&updated) == read(&fresh),
+        "the file of a fresh encoding"
+    );
+    let info = as_json(&["info", &fresh, "--json"]);
+    assert!(info["packed"]["bytes"]["map"].as_u64() > Some(0));
+    let message = fails(&["encode", &data("post.vtk"), "--update", &updated], 1);
+    assert!(message.contains("values, the mesh's"), "{message}");
+}
+
+#[test]
+fn a_budget_is_kept_or_refused() {
+    let folder = folder();
+    let path = |name: &str| text(&folder.path().join(name));
+    let can = data("can.vtu");
+    let (all, some) = (path("all"), path("some"));
+    succeed(&["encode", &can, "-o", &all, "--vertices-log2", "9"]);
+    let bits = ["--index-bits", "9", "--memory-budget", "4GiB"];
+    succeed(&[&["encode", &can, "-o", &some][..], &bits].concat());
+    let read = |path: &str| std::fs::read(path).expect("written");
+    assert!(read(&all) == read(&some));
+    let message = fails(&["encode", &can, "-o", &some, "--memory", "1M"], 1);
+    assert!(
+        message.contains("cannot be encoded within 1.00 MB"),
+        "{message}"
+    );
+    fails(&["encode", &can, "-o", &some, "--memory", "lots"], 2);
+}
+
+/// Killed at any time, the command leaves nothing, or the whole file.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_killed_encoding_leaves_no_half_file() {
+    let folder = folder();
+    let mesh = text(&folder.path().join("mesh.vtu"));
+    succeed(&["synth", "jets", "--size", "40", "-o", &mesh]);
+    let whole = text(&folder.path().join("whole.vacua"));
+    succeed(&["encode", &mesh, "-o", &whole]);
+    let expected = std::fs::read(&whole).expect("written");
+    let out = folder.path().join("killed").join("out.vacua");
+    std::fs::create_dir(folder.path().join("killed")).expect("a folder");
+    for millis in [1, 5, 10, 20, 40, 80, 120, 160, 200, 250, 300, 400] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_vacua"))
+            .args(["encode", &mesh, "-o", &text(&out)])
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .expect("the command starts");
+        std::thread::sleep(std::time::Duration::from_millis(millis));
+        child.kill().expect("it can be killed");
+        child.wait().expect("it ends");
+        let left: Vec<PathBuf> = std::fs::read_dir(out.parent().expect("a folder"))
+            .expect("listable")
+            .map(|entry| entry.expect("an entry").path())
+            .collect();
+        match left.as_slice() {
+            [] => {}
+            [one] => assert!(
+                std::fs::read(one).expect("readable") == expected,
+                "{millis}"
+            ),
+            more => panic!("after {millis} ms there are {more:?}"),
+        }
+    }
+}
+
+#[test]
 fn a_damaged_file_is_named_as_such() {
     let folder = folder();
     let path = folder.path().join("post.vacua");

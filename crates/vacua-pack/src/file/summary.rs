@@ -30,6 +30,8 @@ pub struct FileSummary {
     pub bounds: Option<Bounds>,
     /// Bytes of the mesh's parts.
     pub bytes: PackedBytes,
+    /// Bytes of the map from packed to original order; 0 without.
+    pub map_bytes: u64,
     /// The fields.
     pub fields: Vec<FieldSummary>,
 }
@@ -100,6 +102,10 @@ impl PackedFile {
             num_nodes: (bytes.nodes / node_bytes) as u64,
             bounds,
             bytes,
+            map_bytes: [MAP_POINTS, MAP_CELLS]
+                .iter()
+                .map(|&kind| length(kind, NO_FIELD).unwrap_or(0) as u64)
+                .sum(),
             fields: fields.collect::<Result<_, _>>()?,
         })
     }

@@ -38,7 +38,15 @@ fn written(variant: Variant) -> Vec<u8> {
     let (encoded, fields) = example(variant);
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("example.vacua");
-    write_file(&path, &encoded.mesh, &fields).expect("writable");
+    let steps = [
+        None,
+        Some(FieldStep {
+            number: 0,
+            time: 0.25,
+        }),
+    ];
+    let fields: Vec<_> = fields.into_iter().zip(steps).collect();
+    write_file_with(&path, &encoded.mesh, Some(&encoded.map), &fields).expect("writable");
     std::fs::read(&path).expect("readable")
 }
 
@@ -59,6 +67,13 @@ fn use_all(bytes: Vec<u8>) -> Result<usize, IoError> {
     let fields = file.fields()?;
     let fields: Result<Vec<_>, _> = (0..fields.len()).map(|f| file.field(&mesh, f)).collect();
     let fields = fields?;
+    if let Some(map) = file.map(&mesh)? {
+        for association in [Association::Point, Association::Cell] {
+            let values = DataArray::from_vec(vec![1u8; 303], 1).expect("column");
+            // What a hostile map leads to is told, never read.
+            let _ = PackedField::pack(&mesh, &map, "new", association, &values);
+        }
+    }
     let mut locator = mesh.locator();
     for i in 0..100 {
         let p = [f64::from(i) * 3.0, f64::from(i % 6), f64::from(i % 4)];
@@ -85,6 +100,9 @@ fn what_is_written_is_read() {
         assert_eq!(mesh.bounds(), encoded.mesh.bounds());
         let entries = file.fields().expect("named");
         assert_eq!(entries.len(), 2);
+        assert_eq!(entries[0].step, None);
+        assert_eq!(entries[1].step.map(|s| (s.number, s.time)), Some((0, 0.25)));
+        assert_eq!(file.map(&mesh).expect("intact"), Some(encoded.map));
         for (i, field) in fields.iter().enumerate() {
             let read = file.field(&mesh, i).expect("intact");
             assert_eq!(entries[i].name, field.name());
@@ -98,6 +116,17 @@ fn what_is_written_is_read() {
         }
         assert!(file.field(&mesh, 2).is_err());
     }
+}
+
+/// More bits than a number of the map may take.
+const MAX_WIDTH_AND_ONE: u8 = 57;
+
+fn section_of(bytes: &[u8], kind: u32) -> Entry {
+    let header: Header = bytemuck::pod_read_unaligned(&bytes[..64]);
+    let end = 64 + header.num_sections as usize * 64;
+    let table: Vec<Entry> = bytemuck::pod_collect_to_vec(&bytes[64..end]);
+    let found = table.into_iter().find(|e| e.kind == kind);
+    found.expect("there is one")
 }
 
 #[test]
@@ -127,6 +156,12 @@ fn damage_is_named() {
     let mut table = good.clone();
     table[64 + 8] ^= 64;
     assert!(error(table).contains("the table of sections is damaged"));
+    let mut map = good.clone();
+    let place = section_of(&map, MAP_CELLS).offset as usize;
+    map[place] = MAX_WIDTH_AND_ONE;
+    assert!(error(map.clone()).contains("(map of cells) is damaged"));
+    seal(&mut map);
+    assert!(error(map).contains("block 0 of the map of cells"));
     let mut last = good.clone();
     *last.last_mut().expect("a byte") ^= 1;
     assert!(error(last).contains("(values) is damaged"));
@@ -177,9 +212,9 @@ proptest! {
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..40),
     ) {
         let mut bytes = written_once(variant);
-        let end = bytes.len() - 1024;
+        let end = bytes.len() - 1536;
         for (place, byte) in changes {
-            let place = 1024 + place.index(end);
+            let place = 1536 + place.index(end);
             bytes[place] = byte;
         }
         seal(&mut bytes);

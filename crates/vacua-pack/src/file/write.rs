@@ -9,12 +9,12 @@ use vacua_volume::{Association, ScalarType};
 
 use super::stream::FieldInput;
 use super::*;
+use crate::Variant;
 use crate::delta::DeltaWriter;
 use crate::encode::{EncodeOptions, PackMap};
 use crate::field::PackedField;
 use crate::ids::Ids;
 use crate::packed::PackedMesh;
-use crate::Variant;
 
 /// A section to be.
 pub(super) struct Section<'a> {

@@ -1,35 +1,58 @@
 //! `vacua encode`: a mesh into a `.vacua` file, and what that takes.
 
+mod fields;
+mod progress;
+mod update;
+
 use std::path::PathBuf;
 use std::time::Instant;
 
 use serde::Serialize;
-use vacua_pack::file::write_file;
-use vacua_pack::{EncodeOptions, Encoded, PackedField, Variant, encode};
-use vacua_volume::{CellType, ComponentChoice, Dataset, FieldChoice, UnstructuredMesh};
+use vacua_pack::file::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
+use vacua_pack::{EncodeOptions, Variant};
+use vacua_volume::{CellType, UnstructuredMesh};
 
 use super::input::InputArgs;
 use super::packed::{Bytes, Memory, bytes_text, cells_by_name};
-use super::{Failure, Wrong, output};
+use super::{Failure, output, values};
+use progress::Progress;
 
 /// Arguments of `vacua encode`.
 #[derive(clap::Args, Debug)]
 pub struct EncodeArgs {
     #[command(flatten)]
     input: InputArgs,
-    /// The file to write
-    #[arg(short, long, value_name = "OUT.vacua")]
-    output: PathBuf,
+    /// The file to write; with --update, that file if not given
+    #[arg(
+        short,
+        long,
+        value_name = "OUT.vacua",
+        required_unless_present = "update"
+    )]
+    output: Option<PathBuf>,
     /// Layout of the tree: 1, multi-leaves under one outer tree; 2, inner nodes in the same format
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = variant)]
     variant: Variant,
     /// Bits of an index: sub-meshes have at most two to this many vertices
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(8..=32))]
+    #[arg(long, visible_alias = "vertices-log2", value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(8..=32))]
     index_bits: u32,
-    /// Fields to bring along, separated by commas; NAME:0 or NAME:mag for one component
-    /// [default: all]
+    /// Fields to bring along, separated by commas; NAME:0 or NAME:mag for one component, NAME:all
+    /// for each and the magnitude [default: all, vectors by magnitude]
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     fields: Option<Vec<String>>,
+    /// The fields of all time steps, on the one mesh
+    #[arg(long, conflicts_with = "time")]
+    all_steps: bool,
+    /// Also write the map from packed to original order, with which fields are added later
+    #[arg(long)]
+    keep_map: bool,
+    /// Use at most so much memory, mapped files not counted; what is more goes to temporary files
+    /// beside the output
+    #[arg(long, visible_alias = "memory", value_name = "2GiB", value_parser = values::num_bytes)]
+    memory_budget: Option<u64>,
+    /// Add or swap the fields of FILE, which has the same mesh, in this file written with --keep-map
+    #[arg(long, value_name = "ENCODED.vacua", conflicts_with_all = ["variant", "index_bits", "keep_map", "memory_budget"])]
+    update: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -75,75 +98,67 @@ struct InputReport {
 /// Seconds by stage.
 #[derive(Serialize)]
 struct Secs {
+    /// The mesh, its checks, and fields that are not mapped.
     load: f64,
     partition: f64,
+    /// With their fields.
     submeshes: f64,
     outer: f64,
-    fields: f64,
     write: f64,
 }
 
 /// Runs `vacua encode`.
 pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
+    if let Some(target) = &args.update {
+        return update::run(args, target);
+    }
+    let Some(path) = &args.output else {
+        return Err(Failure::plain("no file to write".to_owned()));
+    };
     let start = Instant::now();
     let opened = args.input.open()?;
-    let dataset = &opened.dataset;
-    let mesh = dataset.mesh().ok_or_else(|| {
+    let mesh = opened.dataset.mesh().ok_or_else(|| {
         Failure::plain(format!(
             "{}: a {} grid; only meshes are encoded",
             opened.path.display(),
-            dataset.geometry().kind()
+            opened.dataset.geometry().kind()
         ))
     })?;
-    let choices = choices(dataset, args.fields.as_deref())?;
+    let fields = if args.all_steps {
+        fields::load_all_steps(&args.input, &opened, mesh, args.fields.as_deref())?
+    } else {
+        fields::load(&opened, args.fields.as_deref(), None)?
+    };
     let load = start.elapsed().as_secs_f64();
-    let options = EncodeOptions {
-        variant: args.variant,
-        index_bits: args.index_bits,
+    let options = FileOptions {
+        encode: EncodeOptions {
+            variant: args.variant,
+            index_bits: args.index_bits,
+        },
+        keep_map: args.keep_map,
+        cells_in_memory: None,
     };
-    let encoded = output::during("encoding the mesh", || encode(mesh, options))
-        .map_err(|e| Failure::contents(&opened.path, e))?;
-
-    let start = Instant::now();
-    let mut fields = Vec::new();
-    for (name, choice, component) in &choices {
-        let message = format!("packing field `{name}`");
-        let packed = output::during(&message, || -> Result<PackedField, Failure> {
-            let fail = |e| Failure::contents(&opened.path, e);
-            let volume = dataset.volume(choice, *component).map_err(fail)?;
-            PackedField::pack(
-                &encoded.mesh,
-                &encoded.map,
-                name,
-                volume.association(),
-                volume.scalars(),
-            )
-            .map_err(|e| Failure::contents(&opened.path, e))
-        });
-        fields.push(packed?);
-    }
-    let fields_secs = start.elapsed().as_secs_f64();
-    let start = Instant::now();
-    output::during("writing", || {
-        write_file(&args.output, &encoded.mesh, &fields)
+    let options = match args.memory_budget {
+        None => options,
+        Some(bytes) => options.with_memory_budget(bytes, mesh).map_err(|least| {
+            Failure::plain(format!(
+                "{}: cannot be encoded within {}; {} are needed with {} threads (RAYON_NUM_THREADS=1 needs fewer)",
+                opened.path.display(),
+                bytes_text(bytes),
+                bytes_text(least),
+                rayon::current_num_threads()
+            ))
+        })?,
+    };
+    let progress = Progress::new();
+    let written = encode_file(path, mesh, &fields, options, &|p| progress.show(p));
+    progress.finish();
+    let written = written.map_err(|error| match error {
+        EncodeFileError::Io(error) => Failure::from(error),
+        other => Failure::contents(&opened.path, other),
     })?;
-    let write = start.elapsed().as_secs_f64();
-    let secs = Secs {
-        load,
-        partition: encoded.report.partition_secs,
-        submeshes: encoded.report.submeshes_secs,
-        outer: encoded.report.outer_secs,
-        fields: fields_secs,
-        write,
-    };
-    let report = report(
-        args,
-        &opened.path.display().to_string(),
-        mesh,
-        &encoded,
-        &fields,
-        secs,
-    );
+    let file = opened.path.display().to_string();
+    let report = report(args, &file, mesh, &fields, &written, load);
     if args.json {
         output::print_json(&report)
     } else {
@@ -151,71 +166,34 @@ pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
     }
 }
 
-/// A field to be packed: its name there, which it is, and which component.
-type Choice = (String, FieldChoice, ComponentChoice);
-
-/// The fields that are asked for; all of them without a wish.
-fn choices(dataset: &Dataset, wanted: Option<&[String]>) -> Result<Vec<Choice>, Failure> {
-    let Some(wanted) = wanted else {
-        let all = dataset.fields().iter().enumerate().map(|(i, field)| {
-            let component = ComponentChoice::Auto;
-            if field.components() > 1 {
-                let name = field.name();
-                eprintln!(
-                    "note: field `{name}` has {} components; its magnitude is packed (--fields {name}:0 packs the first)",
-                    field.components()
-                );
-            }
-            (field.name().to_owned(), FieldChoice::Index(i), component)
-        });
-        return Ok(all.collect());
-    };
-    let mut found = Vec::new();
-    for text in wanted.iter().filter(|text| !text.is_empty()) {
-        let is_field = |name: &str| dataset.fields().iter().any(|f| f.name() == name);
-        let (name, component) = match text.rsplit_once(':') {
-            Some((name, component)) if !is_field(text) => {
-                let component = super::values::component(component)
-                    .map_err(|e| Wrong(format!("--fields {text}: {e}")))?;
-                (name, component)
-            }
-            _ => (text.as_str(), ComponentChoice::Auto),
-        };
-        let choice = FieldChoice::Name(name.to_owned());
-        dataset
-            .field(&choice)
-            .map_err(|e| Failure::Other(Box::new(e)))?;
-        found.push((text.clone(), choice, component));
-    }
-    Ok(found)
-}
-
 fn report(
     args: &EncodeArgs,
     file: &str,
     mesh: &UnstructuredMesh,
-    encoded: &Encoded,
-    fields: &[PackedField],
-    secs: Secs,
+    fields: &[FieldInput],
+    written: &FileReport,
+    load: f64,
 ) -> Report {
-    let packed = &encoded.mesh;
     let indices: u64 = CellType::ALL
         .into_iter()
         .zip(mesh.num_cells_by_type())
         .map(|(cell_type, n)| (cell_type.num_points() * n) as u64)
         .sum();
+    let encode = &written.encode;
+    let secs = Secs {
+        load,
+        partition: encode.partition_secs,
+        submeshes: encode.submeshes_secs,
+        outer: encode.outer_secs,
+        write: written.write_secs,
+    };
     let encode_secs = secs.partition + secs.submeshes + secs.outer;
-    let memory = Memory::new(
-        packed.num_cells_by_type(),
-        packed.num_vertices() as u64,
-        packed.submeshes().len() as u64,
-        packed.nodes().len() as u64,
-        Bytes::new(packed.bytes(), fields.iter().map(PackedField::bytes)),
-        fields.iter().map(|f| f.name().to_owned()).collect(),
-    );
+    let num_cells: u64 = written.num_cells_by_type.iter().sum();
+    let bytes = Bytes::new(written.bytes, written.fields.iter().copied());
+    let output = args.output.clone().unwrap_or_default();
     Report {
         file: file.to_owned(),
-        output: args.output.display().to_string(),
+        output: output.display().to_string(),
         variant: match args.variant {
             Variant::MultiLeaves => 1,
             Variant::MultiNodes => 2,
@@ -226,12 +204,19 @@ fn report(
             cells: cells_by_name(mesh.num_cells_by_type().map(|n| n as u64)),
             decoded_bytes: 12 * mesh.num_points() as u64 + 4 * indices,
         },
-        cells_a_sec: packed.num_cells() as f64 / encode_secs.max(f64::MIN_POSITIVE),
-        memory,
-        blanked_cells: encoded.report.num_blanked,
-        not_finite_cells: encoded.report.num_not_finite,
-        worst_rounding: encoded.report.worst_rounding,
-        file_bytes: std::fs::metadata(&args.output).map_or(0, |m| m.len()),
+        cells_a_sec: num_cells as f64 / encode_secs.max(f64::MIN_POSITIVE),
+        memory: Memory::new(
+            written.num_cells_by_type,
+            written.num_vertices,
+            written.num_submeshes,
+            written.num_nodes,
+            bytes.with_map(written.map_bytes),
+            fields.iter().map(|f| f.name.clone()).collect(),
+        ),
+        blanked_cells: encode.num_blanked,
+        not_finite_cells: encode.num_not_finite,
+        worst_rounding: encode.worst_rounding,
+        file_bytes: std::fs::metadata(&output).map_or(0, |m| m.len()),
         secs,
         peak_bytes: output::peak_bytes(),
     }
@@ -265,12 +250,11 @@ fn as_text(report: &Report) -> String {
     }
     let s = &report.secs;
     lines.push(format!(
-        "  {:.2} M cells/s: partition {:.2} s, sub-meshes {:.2} s, outer tree {:.2} s; fields {:.2} s, writing {:.2} s; file {}",
+        "  {:.2} M cells/s: partition {:.2} s, sub-meshes with fields {:.2} s, outer tree {:.2} s; writing {:.2} s; file {}",
         report.cells_a_sec / 1e6,
         s.partition,
         s.submeshes,
         s.outer,
-        s.fields,
         s.write,
         bytes_text(report.file_bytes),
     ));

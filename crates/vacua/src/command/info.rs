@@ -125,7 +125,7 @@ fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
                 summary.num_vertices,
                 summary.num_submeshes,
                 summary.num_nodes,
-                Bytes::new(summary.bytes, bytes),
+                Bytes::new(summary.bytes, bytes).with_map(summary.map_bytes),
                 summary
                     .fields
                     .iter()

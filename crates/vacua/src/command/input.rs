@@ -114,6 +114,29 @@ impl InputArgs {
         Ok(Opened::new(dataset, path, steps.len(), step))
     }
 
+    /// Opens a time step by its number, among those that [`Self::open`] counted.
+    pub fn open_step(&self, step: usize) -> Result<Opened, Failure> {
+        let mut steps = Vec::new();
+        for file in &self.files {
+            steps.extend(expand(file)?);
+        }
+        let num_steps = steps.len();
+        let mut options = self.raw.read_options();
+        let path = match steps.as_slice() {
+            [alone] => {
+                options.step = Some(step);
+                alone.path.clone()
+            }
+            steps => match steps.get(step) {
+                Some(found) => found.path.clone(),
+                None => return Err(Failure::plain(format!("there is no step {step}"))),
+            },
+        };
+        let dataset = vacua_io::open_with(&path, &options)?;
+        let num_steps = num_steps.max(dataset.times().len());
+        Ok(Opened::new(dataset, path, num_steps, step))
+    }
+
     /// Opens the chosen time step of a file that may have several.
     fn open_steps_of(&self, path: &Path, options: ReadOptions) -> Result<Opened, Failure> {
         let mut dataset = vacua_io::open_with(path, &options)?;

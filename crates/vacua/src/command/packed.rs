@@ -41,6 +41,8 @@ pub struct Bytes {
     /// Value ranges of all fields, with what finds the values of a cell.
     ranges: u64,
     total: u64,
+    /// The map from packed to original order, if it is there: apart, not in the total.
+    map: u64,
 }
 
 impl Bytes {
@@ -60,7 +62,14 @@ impl Bytes {
             values,
             ranges,
             total: mesh.total() as u64 + values + ranges,
+            map: 0,
         }
+    }
+
+    /// With a map of so many bytes.
+    pub fn with_map(mut self, bytes: u64) -> Self {
+        self.map = bytes;
+        self
     }
 }
 
@@ -138,6 +147,9 @@ impl Memory {
             rows.push(("value ranges", None, self.bytes.ranges));
         }
         rows.push(("total", None, self.bytes.total));
+        if self.bytes.map > 0 {
+            rows.push(("map (apart)", None, self.bytes.map));
+        }
         let head = format!(
             "  {:12} {:>12} {:>12} {:>12}",
             "part", "count", "memory", "B a cell"

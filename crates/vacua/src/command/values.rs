@@ -131,6 +131,34 @@ pub fn field(text: &str) -> Result<vacua_volume::FieldChoice, ValueError> {
     }
 }
 
+/// A number of bytes: `800M`, `2GiB` (powers of 1024), `2GB` (powers of 1000), or plain.
+pub fn num_bytes(text: &str) -> Result<u64, ValueError> {
+    let expected = || wrong("a number of bytes such as 2GiB or 800M", text);
+    let trimmed = text.trim();
+    let digits_end = trimmed
+        .find(|c: char| !c.is_ascii_digit() && c != '.')
+        .unwrap_or(trimmed.len());
+    let (digits, unit) = trimmed.split_at(digits_end);
+    let value: f64 = digits.parse().map_err(|_| expected())?;
+    let unit = unit.trim().to_ascii_lowercase();
+    let (prefix, base) = match unit.strip_suffix("ib") {
+        Some(prefix) => (prefix, 1024.0f64),
+        None => match unit.strip_suffix('b') {
+            Some(prefix) => (prefix, 1000.0),
+            None => (unit.as_str(), 1024.0),
+        },
+    };
+    let power = match prefix {
+        "" => 0,
+        "k" => 1,
+        "m" => 2,
+        "g" => 3,
+        "t" => 4,
+        _ => return Err(expected()),
+    };
+    Ok((value * base.powi(power)) as u64)
+}
+
 /// A component by number, or `mag`.
 pub fn component(text: &str) -> Result<vacua_volume::ComponentChoice, ValueError> {
     use vacua_volume::ComponentChoice;
@@ -300,6 +328,18 @@ pub fn region(text: &str) -> Result<vacua_volume::Bounds, ValueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_have_units() {
+        assert_eq!(num_bytes("2GiB"), Ok(2 << 30));
+        assert_eq!(num_bytes("8G"), Ok(8 << 30));
+        assert_eq!(num_bytes("1.5 GB"), Ok(1_500_000_000));
+        assert_eq!(num_bytes("640k"), Ok(640 << 10));
+        assert_eq!(num_bytes("17"), Ok(17));
+        for bad in ["", "G", "-1G", "2X", "1..2"] {
+            assert!(num_bytes(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn sizes_and_ranges() {

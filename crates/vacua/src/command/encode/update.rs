@@ -1,0 +1,133 @@
+//! `vacua encode --update`: fields of a file added to, or swapped in, a `.vacua` file of the same mesh.
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde::Serialize;
+use vacua_pack::PackedField;
+use vacua_pack::file::{FieldStep, PackedFile, write_file_with};
+
+use super::super::packed::bytes_text;
+use super::super::{Failure, output};
+use super::{EncodeArgs, fields};
+
+/// What `vacua encode --update --json` prints.
+#[derive(Serialize)]
+struct Report {
+    file: String,
+    output: String,
+    added: Vec<String>,
+    swapped: Vec<String>,
+    kept: Vec<String>,
+    /// Values of the input that were brought into packed order, and their ranges found.
+    values: u64,
+    secs: Secs,
+    values_a_sec: f64,
+    file_bytes: u64,
+    peak_bytes: Option<u64>,
+}
+
+#[derive(Serialize)]
+struct Secs {
+    load: f64,
+    map: f64,
+    pack: f64,
+    write: f64,
+}
+
+/// Runs `vacua encode --update`.
+pub fn run(args: &EncodeArgs, target: &Path) -> Result<(), Failure> {
+    let start = Instant::now();
+    let opened = args.input.open()?;
+    let mesh = opened.dataset.mesh().ok_or_else(|| {
+        let path = opened.path.display();
+        Failure::plain(format!("{path}: no mesh, nothing to add fields from"))
+    })?;
+    let inputs = if args.all_steps {
+        fields::load_all_steps(&args.input, &opened, mesh, args.fields.as_deref())?
+    } else {
+        fields::load(&opened, args.fields.as_deref(), None)?
+    };
+    let file = PackedFile::open(target)?;
+    let packed = file.mesh()?;
+    let load = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let map = file.map(&packed)?.ok_or_else(|| {
+        Failure::plain(format!(
+            "{}: written without the map from packed to original order; encode the mesh again with --keep-map",
+            target.display()
+        ))
+    })?;
+    let map_secs = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let mut new: Vec<(PackedField, Option<FieldStep>)> = Vec::new();
+    let mut values = 0;
+    for input in &inputs {
+        let name = &input.name;
+        let field = PackedField::pack(&packed, &map, name, input.association, &input.values);
+        new.push((field.map_err(|e| Failure::contents(target, e))?, input.step));
+        values += input.values.tuples() as u64;
+    }
+    let pack = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let mut all = Vec::new();
+    let (mut swapped, mut kept) = (Vec::new(), Vec::new());
+    for (place, entry) in file.fields()?.into_iter().enumerate() {
+        let same = |(field, step): &(PackedField, Option<FieldStep>)| {
+            field.name() == entry.name && step.map(|s| s.number) == entry.step.map(|s| s.number)
+        };
+        match new.iter().position(same) {
+            Some(found) => {
+                all.push(new.remove(found));
+                swapped.push(entry.name);
+            }
+            None => {
+                all.push((file.field(&packed, place)?, entry.step));
+                kept.push(entry.name);
+            }
+        }
+    }
+    let added = new.iter().map(|(f, _)| f.name().to_owned()).collect();
+    all.extend(new);
+    let out = args.output.as_deref().unwrap_or(target);
+    output::during("writing", || {
+        write_file_with(out, &packed, Some(&map), &all)
+    })?;
+    let report = Report {
+        file: opened.path.display().to_string(),
+        output: out.display().to_string(),
+        added,
+        swapped,
+        kept,
+        values,
+        values_a_sec: values as f64 / (map_secs + pack).max(f64::MIN_POSITIVE),
+        secs: Secs {
+            load,
+            map: map_secs,
+            pack,
+            write: start.elapsed().as_secs_f64(),
+        },
+        file_bytes: std::fs::metadata(out).map_or(0, |m| m.len()),
+        peak_bytes: output::peak_bytes(),
+    };
+    if args.json {
+        return output::print_json(&report);
+    }
+    let list = |what: &str, names: &[String]| match names {
+        [] => String::new(),
+        names => format!("\n  {what}: {}", names.join(", ")),
+    };
+    output::print(&format!(
+        "{} → {}{}{}{}\n  {:.1} M values/s: map {:.3} s, values and ranges {:.3} s; writing {:.2} s; file {}",
+        report.file,
+        report.output,
+        list("swapped", &report.swapped),
+        list("added", &report.added),
+        list("kept", &report.kept),
+        report.values_a_sec / 1e6,
+        report.secs.map,
+        report.secs.pack,
+        report.secs.write,
+        bytes_text(report.file_bytes),
+    ))
+}
