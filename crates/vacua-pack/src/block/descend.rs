@@ -1,5 +1,7 @@
 //! Through the trees, depth first, with a bit for each packet whose box meets that of a node.
 
+use std::collections::VecDeque;
+
 use vacua_simd::{Float, Int, LANES, Mask, Simd, per_axis};
 
 use crate::layout::{CHILD_DIVISIONS, LeafCounts, MultiLeaf, OTHER_INDICES, WIDTH};
@@ -7,7 +9,7 @@ use crate::outer::{OuterChild, OuterNode};
 use crate::packed::Submesh;
 
 use super::Frame;
-use super::packets::{GROUPS, PacketBoxes, PacketMask};
+use super::packets::{GROUPS, PacketBoxes, PacketMask, bits, load, store};
 
 /// Indices that the primitives of a leaf take, by its counts.
 const NUM_INDICES: [u8; 256] = {
@@ -51,11 +53,15 @@ pub(super) struct NodeLeaves {
     pub len: usize,
 }
 
+/// Packets that are tried on the eight children of a node one after the other, rather than children
+/// on sixteen packets.
+const FEW: u32 = 3;
+
 /// The packets of a set whose boxes meet a child's, given by its lower corner and its upper corner
 /// with signs turned.
 #[inline(always)]
 fn meeting<S: Simd>(
-    boxes: &PacketBoxes<S>,
+    boxes: &PacketBoxes,
     packets: PacketMask,
     lo: [f32; 3],
     turned_hi: [f32; 3],
@@ -66,42 +72,80 @@ fn meeting<S: Simd>(
     );
     let mut meeting = 0;
     for group in 0..GROUPS {
-        let shift = (group * LANES) as u32;
-        if (packets >> shift) as u16 == 0 {
+        let from = group * LANES;
+        if (packets >> from) as u16 == 0 {
             continue;
         }
-        let (hi, turned_lo) = (&boxes.hi[group], &boxes.turned_lo[group]);
-        let meets = per_axis!(a => lo[a].le(hi[a]) & turned_hi[a].le(turned_lo[a]));
+        let meets = per_axis!(a => {
+            lo[a].le(load::<S>(&boxes.hi[a], from))
+                & turned_hi[a].le(load::<S>(&boxes.turned_lo[a], from))
+        });
         let meets = (meets[0] & meets[1] & meets[2]).to_bits();
-        meeting |= PacketMask::from(meets) << shift;
+        meeting |= PacketMask::from(meets) << from;
     }
     meeting & packets
 }
 
-impl<S: Simd> PacketBoxes<S> {
+/// For each child of a node the packets of a set whose boxes meet its box; `children` has lower
+/// corners in the first block and turned upper corners in the second.
+#[inline(always)]
+fn meeting_each<S: Simd>(
+    boxes: &PacketBoxes,
+    packets: PacketMask,
+    children: &[S::F; 3],
+    corners: &[[f32; LANES]; 3],
+    there: u8,
+) -> [PacketMask; WIDTH] {
+    let mut each = [0; WIDTH];
+    if packets.count_ones() <= FEW {
+        for packet in bits(packets) {
+            let meets = per_axis!(a => {
+                let (hi, turned_lo) = (boxes.hi[a][packet], boxes.turned_lo[a][packet]);
+                children[a].le(S::F::of_blocks(hi, turned_lo))
+            });
+            let meets = (meets[0] & meets[1] & meets[2]).to_bits();
+            let mut left = meets as u8 & (meets >> WIDTH) as u8 & there;
+            while left != 0 {
+                let child = left.trailing_zeros() as usize;
+                left &= left - 1;
+                each[child] |= 1 << packet;
+            }
+        }
+    } else {
+        let mut left = there;
+        while left != 0 {
+            let child = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let lo = per_axis!(i => corners[i][child]);
+            let turned_hi = per_axis!(i => corners[i][WIDTH + child]);
+            each[child] = meeting::<S>(boxes, packets, lo, turned_hi);
+        }
+    }
+    each
+}
+
+impl PacketBoxes {
     /// The same boxes in the steps of a grid: rounding is monotone.
     #[inline(always)]
-    fn on_grid(&self, base: [f32; 3], per_unit: [f32; 3]) -> Self {
-        let (base, per_unit) = (
-            per_axis!(a => S::F::splat(base[a])),
-            per_axis!(a => S::F::splat(per_unit[a])),
-        );
-        let mut on_grid = Self {
-            hi: self.hi,
-            turned_lo: self.turned_lo,
-        };
-        for group in 0..GROUPS {
-            on_grid.hi[group] = per_axis!(a => (self.hi[group][a] - base[a]) * per_unit[a]);
-            on_grid.turned_lo[group] =
-                per_axis!(a => (self.turned_lo[group][a] + base[a]) * per_unit[a]);
+    fn on_grid<S: Simd>(&self, base: [f32; 3], per_unit: [f32; 3]) -> Self {
+        let mut on_grid = self.clone();
+        for axis in 0..3 {
+            let (base, per_unit) = (S::F::splat(base[axis]), S::F::splat(per_unit[axis]));
+            for group in 0..GROUPS {
+                let from = group * LANES;
+                let hi = (load::<S>(&self.hi[axis], from) - base) * per_unit;
+                let turned_lo = (load::<S>(&self.turned_lo[axis], from) + base) * per_unit;
+                store::<S>(hi, &mut on_grid.hi[axis], from);
+                store::<S>(turned_lo, &mut on_grid.turned_lo[axis], from);
+            }
         }
         on_grid
     }
 
     /// The same boxes in sixteenths of a step of a sub-mesh's grid.
     #[inline(always)]
-    pub fn in_sixteenths(&self, frame: &Frame) -> Self {
-        self.on_grid(frame.base, frame.sixteenths)
+    pub fn in_sixteenths<S: Simd>(&self, frame: &Frame) -> Self {
+        self.on_grid::<S>(frame.base, frame.sixteenths)
     }
 }
 
@@ -147,9 +191,9 @@ fn ordered_nibbles(bytes: [u8; WIDTH]) -> u8 {
 #[inline(always)]
 pub(super) fn visit_node<S: Simd>(
     submesh: &Submesh,
-    boxes: &PacketBoxes<S>,
+    boxes: &PacketBoxes,
     visit: Visit,
-    stack: &mut Vec<Visit>,
+    stack: &mut VecDeque<Visit>,
     found: &mut NodeLeaves,
 ) {
     found.len = 0;
@@ -161,19 +205,19 @@ pub(super) fn visit_node<S: Simd>(
     let corners = per_axis!(i => vectors[i].to_array());
     let leaf_bits = nonzero_bytes(node.counts);
     let inner = ordered_nibbles(node.child_bounds[0]) & !leaf_bits;
+    let there = inner | leaf_bits;
+    let meeting = meeting_each::<S>(boxes, packets, &vectors, &corners, there);
     let mut left = inner;
     while left != 0 {
         let child = 7 - left.leading_zeros() as usize;
         left &= !(1 << child);
-        let lo = per_axis!(i => corners[i][child]);
-        let turned_hi = per_axis!(i => corners[i][WIDTH + child]);
-        let meeting = meeting::<S>(boxes, packets, lo, turned_hi);
+        let meeting = meeting[child];
         let before = (inner & ((1u8 << child) - 1)).count_ones();
         let below = first_child.saturating_add(before);
         // Children come after their parents, so that no walk is endless.
         if meeting != 0 && below > number {
             submesh.prefetch_node(below);
-            stack.push(Visit {
+            stack.push_back(Visit {
                 number: below,
                 packets: meeting,
             });
@@ -193,15 +237,12 @@ pub(super) fn visit_node<S: Simd>(
         if counts == 0 {
             continue;
         }
-        let lo = per_axis!(i => corners[i][child]);
-        let turned_hi = per_axis!(i => corners[i][WIDTH + child]);
-        let meeting = meeting::<S>(boxes, packets, lo, turned_hi);
-        if meeting != 0 {
+        if meeting[child] != 0 {
             submesh.prefetch_indices(first_index);
             found.leaves[found.len % WIDTH] = Leaf {
-                packets: meeting,
-                lo,
-                hi: per_axis!(i => -turned_hi[i]),
+                packets: meeting[child],
+                lo: per_axis!(i => corners[i][child]),
+                hi: per_axis!(i => -corners[i][WIDTH + child]),
                 volume: volumes[child],
                 first_index,
                 node: number,
@@ -219,18 +260,18 @@ pub(super) fn visit_node<S: Simd>(
 #[inline(always)]
 pub(super) fn outer_items<S: Simd>(
     tree: &[OuterNode],
-    boxes: &PacketBoxes<S>,
+    boxes: &PacketBoxes,
     packets: PacketMask,
-    stack: &mut Vec<Visit>,
+    stack: &mut VecDeque<Visit>,
     items: &mut Vec<Visit>,
 ) {
-    stack.push(Visit { number: 0, packets });
-    while let Some(Visit { number, packets }) = stack.pop() {
+    stack.push_back(Visit { number: 0, packets });
+    while let Some(Visit { number, packets }) = stack.pop_back() {
         let Some(node) = tree.get(number as usize) else {
             continue;
         };
         let (base, per_unit) = node.grid();
-        let boxes = boxes.on_grid(base, per_unit);
+        let boxes = boxes.on_grid::<S>(base, per_unit);
         for child in 0..node.num_children() {
             let (lo, hi) = node.child_steps(child);
             let turned_hi = per_axis!(a => -hi[a]);
@@ -240,7 +281,7 @@ pub(super) fn outer_items<S: Simd>(
             }
             match node.child(child) {
                 // Children come after their parents, so that no walk is endless.
-                OuterChild::Node(below) if below > number => stack.push(Visit {
+                OuterChild::Node(below) if below > number => stack.push_back(Visit {
                     number: below,
                     packets,
                 }),

@@ -253,9 +253,10 @@ impl OtherBatch {
         let mut accepted = 0;
         for pair in (0..LANES).filter(|pair| doubt >> pair & 1 == 1) {
             let slot = pairs.slot[pair] as usize % LANES;
-            let corners = [0, 1, 2, 3, 4, 5, 6, 7].map(|k: usize| self.corners[k][slot]);
+            let corner = |k: usize| submesh.positions.get(self.corners[k][slot] as usize);
+            let positions = std::array::from_fn(|k| corner(k).copied().unwrap_or([f32::NAN; 3]));
             let place = packets.place(pairs.number[pair]);
-            if let Some(found) = scalar_weights(submesh, self.cell_type[slot], corners, place) {
+            if let Some(found) = scalar_weights(self.cell_type[slot], &positions, place) {
                 accepted |= 1 << pair;
                 for k in 1..MAX_CORNERS {
                     weights[k][pair] = found[k];
@@ -304,19 +305,14 @@ fn first_other(leaf: &Leaf) -> u64 {
     u64::from(leaf.first_index) + TET_INDICES as u64 * tets + PAIR_INDICES as u64 * pairs
 }
 
-/// The scalar code's answer for a cell, given its kind's number, and a place.
+/// The scalar code's answer for a cell, given its kind's number and its corners, and a place.
 pub(super) fn scalar_weights(
-    submesh: &Submesh,
     cell_type: u8,
-    corners: [u32; MAX_CORNERS],
+    positions: &[[f32; 3]; MAX_CORNERS],
     place: [f32; 3],
 ) -> Option<[f32; MAX_CORNERS]> {
     let cell_type = CellType::ALL[usize::from(cell_type) % CellType::ALL.len()];
-    let mut positions = [[0.0; 3]; MAX_CORNERS];
-    for k in 0..MAX_CORNERS {
-        positions[k] = *submesh.positions.get(corners[k] as usize)?;
-    }
-    let weights = weights_at(cell_type, &positions, place.map(f64::from))?;
+    let weights = weights_at(cell_type, positions, place.map(f64::from))?;
     Some(weights.map(|w| w as f32))
 }
 

@@ -18,11 +18,12 @@ pub(super) const GROUPS: usize = PACKETS / LANES;
 /// A bit a packet.
 pub(super) type PacketMask = u64;
 
-/// Boxes around packets, a lane each: upper corners, and lower corners with their signs turned.
+/// Boxes around packets: upper corners, and lower corners with their signs turned, axis by axis.
 /// Nothing is within the box of a packet without places.
-pub(super) struct PacketBoxes<S: Simd> {
-    pub hi: [[S::F; 3]; GROUPS],
-    pub turned_lo: [[S::F; 3]; GROUPS],
+#[derive(Clone)]
+pub(super) struct PacketBoxes {
+    pub hi: [[f32; PACKETS]; 3],
+    pub turned_lo: [[f32; PACKETS]; 3],
 }
 
 /// Places and what is known of them.
@@ -114,32 +115,20 @@ impl<'a> Packets<'a> {
 
     /// Boxes around the live places of packets.
     #[inline(always)]
-    pub fn boxes<S: Simd>(&self) -> PacketBoxes<S> {
-        let nowhere = S::F::splat(f32::NEG_INFINITY);
+    pub fn boxes<S: Simd>(&self) -> PacketBoxes {
+        let nothing = [f32::NEG_INFINITY; PACKETS];
         let mut boxes = PacketBoxes {
-            hi: [[nowhere; 3]; GROUPS],
-            turned_lo: [[nowhere; 3]; GROUPS],
+            hi: [nothing; 3],
+            turned_lo: [nothing; 3],
         };
-        let zero = S::F::splat(0.0);
-        for group in 0..GROUPS {
-            let (mut hi, mut turned_lo) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-            for i in 0..LANES {
-                let packet = group * LANES + i;
-                let Some(at) = self.at.get(packet) else {
-                    break;
-                };
-                let live = S::M::from_bits(self.live[packet]);
-                for axis in 0..3 {
-                    let at = S::F::from_array(at[axis]);
-                    hi[axis][i] = at.select(live, nowhere).highest();
-                    turned_lo[axis][i] = (zero - at).select(live, nowhere).highest();
-                }
+        let (zero, nowhere) = (S::F::splat(0.0), S::F::splat(f32::NEG_INFINITY));
+        for packet in bits(self.mask()) {
+            let live = S::M::from_bits(self.live[packet]);
+            for axis in 0..3 {
+                let at = S::F::from_array(self.at[packet][axis]);
+                boxes.hi[axis][packet] = at.select(live, nowhere).highest();
+                boxes.turned_lo[axis][packet] = (zero - at).select(live, nowhere).highest();
             }
-            let there = self.at.len().saturating_sub(group * LANES).min(LANES);
-            let there = S::M::from_bits(((1u32 << there) - 1) as u16);
-            boxes.hi[group] = per_axis!(a => S::F::from_array(hi[a]).select(there, nowhere));
-            boxes.turned_lo[group] =
-                per_axis!(a => S::F::from_array(turned_lo[a]).select(there, nowhere));
         }
         boxes
     }

@@ -33,9 +33,11 @@ const FLAT: f32 = 32.0;
 
 /// Tetrahedra of a batch at most.
 pub(super) const SLOTS: usize = 64;
+/// Room for as many, and for sixteen that begin at the last.
+const ROOM: usize = SLOTS + LANES;
 
 #[inline(always)]
-fn cross<F: Float>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+pub(super) fn cross<F: Float>(a: [F; 3], b: [F; 3]) -> [F; 3] {
     let zero = F::splat(0.0);
     [
         a[1].mul_add(b[2], zero - a[2] * b[1]),
@@ -45,8 +47,16 @@ fn cross<F: Float>(a: [F; 3], b: [F; 3]) -> [F; 3] {
 }
 
 #[inline(always)]
-fn dot<F: Float>(a: [F; 3], b: [F; 3]) -> F {
+pub(super) fn dot<F: Float>(a: [F; 3], b: [F; 3]) -> F {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// Whether tetrahedra with these edges from a corner, of this volume, are not too flat for `f32`.
+#[inline(always)]
+pub(super) fn is_round<S: Simd>([b, c, d]: [[S::F; 3]; 3], whole: S::F) -> S::M {
+    let sides = per_axis!(i => b[i].abs().max(c[i].abs().max(d[i].abs())));
+    let whole = whole.abs();
+    (sides[0] * sides[1] * sides[2]).lt(whole * S::F::splat(FLAT)) & S::F::splat(1e-30).lt(whole)
 }
 
 /// Tetrahedra of some leaves.
@@ -62,35 +72,42 @@ pub(super) struct TetBatch {
     planes: Planes,
 }
 
+/// How many tetrahedra a leaf has.
+#[inline(always)]
+fn num_tets(leaf: &Leaf) -> usize {
+    let counts = LeafCounts::unpack(leaf.counts);
+    usize::from(counts.tets) + 2 * usize::from(counts.pairs)
+}
+
 /// What is computed of each tetrahedron.
 struct Planes {
     /// Its first corner.
-    corner: [[f32; SLOTS]; 3],
+    corner: [[f32; ROOM]; 3],
     /// Normals of the faces opposite the other corners, turned inward, as long as twice their areas.
-    normals: [[[f32; SLOTS]; 3]; 3],
+    normals: [[[f32; ROOM]; 3]; 3],
     /// Six times its volume, and one over that.
-    whole: [f32; SLOTS],
-    inverse: [f32; SLOTS],
+    whole: [f32; ROOM],
+    inverse: [f32; ROOM],
     /// Volumes above this are positive, those below its negative negative.
-    bound: [f32; SLOTS],
+    bound: [f32; ROOM],
     /// Value at the first corner, and how much more there is at the others.
-    first: [f32; SLOTS],
-    more: [[f32; SLOTS]; 3],
+    first: [f32; ROOM],
+    more: [[f32; ROOM]; 3],
     /// The least and the largest value.
-    least: [f32; SLOTS],
-    largest: [f32; SLOTS],
+    least: [f32; ROOM],
+    largest: [f32; ROOM],
     /// The tetrahedra, a bit each, that are too flat for weights in `f32`.
     flat: u64,
 }
 
 impl TetBatch {
     pub fn new() -> Self {
-        let zeros = [0.0; SLOTS];
+        let zeros = [0.0; ROOM];
         Self {
             len: 0,
             corners: [[0; SLOTS]; TET_INDICES],
             primitive: [0; SLOTS],
-            rounding: zeros,
+            rounding: [0.0; SLOTS],
             leaves: [Leaf::default(); SLOTS],
             num_leaves: 0,
             planes: Planes {
@@ -108,32 +125,54 @@ impl TetBatch {
         }
     }
 
-    /// Adds the tetrahedra of a leaf; there must be room for them.
+    /// Whether there is room for the tetrahedra of a leaf.
     #[inline(always)]
-    pub fn add(&mut self, submesh: &Submesh, leaf: &Leaf, rounding: f32) {
-        let counts = LeafCounts::unpack(leaf.counts);
-        let from = self.len;
-        let mut place = u64::from(leaf.first_index);
-        let mut slot = from;
-        for _ in 0..counts.tets {
-            self.put(slot, submesh.indices.read(place), 2 * place);
-            slot += 1;
-            place += TET_INDICES as u64;
-        }
-        for _ in 0..counts.pairs {
-            let [one, two] = tets_of(submesh.indices.read::<PAIR_INDICES>(place));
-            self.put(slot, one, 2 * place);
-            self.put(slot + 1, two, 2 * place + 1);
-            slot += 2;
-            place += PAIR_INDICES as u64;
-        }
-        let rounding = leaf.volume * rounding;
-        for slot in from..slot {
-            self.rounding[slot % SLOTS] = rounding;
-        }
+    pub fn has_room(&self, leaf: &Leaf) -> bool {
+        self.len + num_tets(leaf) <= SLOTS
+    }
+
+    /// Adds the tetrahedra of a leaf, if it has any; there must be room for them.
+    #[inline(always)]
+    pub fn add(&mut self, leaf: &Leaf) {
         self.leaves[self.num_leaves % SLOTS] = *leaf;
-        self.num_leaves += 1;
-        self.len = slot;
+        self.num_leaves += usize::from(num_tets(leaf) > 0);
+        self.len += num_tets(leaf);
+    }
+
+    /// Reads the indices of all tetrahedra; asks for the positions and values of their corners if
+    /// those are likely to be far away.
+    #[inline(always)]
+    fn read(&mut self, submesh: &Submesh, rounding: f32, values: &Values, is_far: bool) {
+        let mut slot = 0;
+        for number in 0..self.num_leaves {
+            let leaf = self.leaves[number % SLOTS];
+            let counts = LeafCounts::unpack(leaf.counts);
+            let from = slot;
+            let mut place = u64::from(leaf.first_index);
+            for _ in 0..counts.tets {
+                self.put(slot, submesh.indices.read(place), 2 * place);
+                slot += 1;
+                place += TET_INDICES as u64;
+            }
+            for _ in 0..counts.pairs {
+                let [one, two] = tets_of(submesh.indices.read::<PAIR_INDICES>(place));
+                self.put(slot, one, 2 * place);
+                self.put(slot + 1, two, 2 * place + 1);
+                slot += 2;
+                place += PAIR_INDICES as u64;
+            }
+            let rounding = leaf.volume * rounding;
+            for slot in from..slot {
+                self.rounding[slot % SLOTS] = rounding;
+                if is_far {
+                    for k in 0..TET_INDICES {
+                        let corner = self.corners[k][slot % SLOTS];
+                        vacua_simd::prefetch(submesh.positions, corner as usize);
+                        values.prefetch(submesh.header, corner);
+                    }
+                }
+            }
+        }
     }
 
     #[inline(always)]
@@ -152,8 +191,18 @@ impl TetBatch {
     }
 
     /// Computes the planes of all tetrahedra; coordinates are multiplied by `scale`, a power of two.
+    /// `rounding` bounds the rounding of volumes per cubic sixteenth of a leaf's box; `is_far` says
+    /// that cells are likely to be far from each other in memory.
     #[inline(always)]
-    pub fn set_up<S: Simd>(&mut self, submesh: &Submesh, scale: f32, values: &Values) {
+    pub fn set_up<S: Simd>(
+        &mut self,
+        submesh: &Submesh,
+        scale: f32,
+        rounding: f32,
+        values: &Values,
+        is_far: bool,
+    ) {
+        self.read(submesh, rounding, values, is_far);
         let mut at_corners = [[0.0; SLOTS]; TET_INDICES];
         match values {
             Values::OfPoints(values) => {
@@ -162,8 +211,7 @@ impl TetBatch {
             Values::OfCells(values) => {
                 let mut slot = 0;
                 for leaf in &self.leaves[..self.num_leaves] {
-                    let counts = LeafCounts::unpack(leaf.counts);
-                    for cell in 0..u32::from(counts.tets + 2 * counts.pairs) {
+                    for cell in 0..num_tets(leaf) as u32 {
                         let value = values.at_cell(leaf.node, leaf.cells_before + cell);
                         for k in 0..TET_INDICES {
                             at_corners[k][slot % SLOTS] = value;
@@ -212,9 +260,7 @@ impl TetBatch {
         // Of a cell that may be flat or turned either way nothing is certain.
         let four_bounds = bound * S::F::splat(4.0);
         let bound = bound.select(four_bounds.lt(whole), S::F::splat(f32::INFINITY));
-        let sides = per_axis!(i => b[i].abs().max(c[i].abs().max(d[i].abs())));
-        let round = (sides[0] * sides[1] * sides[2]).lt(whole * S::F::splat(FLAT))
-            & S::F::splat(1e-30).lt(whole);
+        let round = is_round::<S>([b, c, d], whole);
         planes.flat |= u64::from(!round.to_bits()) << from;
         for i in 0..3 {
             store::<S>(a[i] * scale, &mut planes.corner[i], from);
@@ -255,10 +301,16 @@ impl TetBatch {
     ) {
         let mut from = 0;
         for leaf in &self.leaves[..self.num_leaves] {
-            let counts = LeafCounts::unpack(leaf.counts);
-            let to = from + usize::from(counts.tets + 2 * counts.pairs);
+            let to = from + num_tets(leaf);
             let first = leaf.first_index.wrapping_mul(2) as i32;
             packets.collect::<S>(leaf, scale, first, in_leaf);
+            if 2 * in_leaf.len <= to - from {
+                for place in 0..in_leaf.len {
+                    self.test_one::<S>(submesh, from..to, place, packets, in_leaf);
+                }
+                from = to;
+                continue;
+            }
             let mut place = 0;
             while place < in_leaf.len {
                 self.test_sixteen::<S>(submesh, from..to, place, packets, in_leaf);
@@ -344,6 +396,74 @@ impl TetBatch {
             if packets.is_mixed {
                 packets.note_kind(number, false);
             }
+        }
+    }
+
+    /// One place, tried on sixteen tetrahedra at a time.
+    #[inline(always)]
+    fn test_one<S: Simd>(
+        &self,
+        submesh: &Submesh,
+        slots: std::ops::Range<usize>,
+        place: usize,
+        packets: &mut Packets,
+        in_leaf: &InLeaf,
+    ) {
+        let planes = &self.planes;
+        let (zero, one) = (S::F::splat(0.0), S::F::splat(1.0));
+        let number = in_leaf.number[place];
+        let at = per_axis!(i => S::F::splat(in_leaf.at[i][place]));
+        let mut from = slots.start;
+        while from < slots.end {
+            let there = ((1u32 << (slots.end - from).min(LANES)) - 1) as u16;
+            let p = per_axis!(i => at[i] - load::<S>(&planes.corner[i], from));
+            let normals = &planes.normals;
+            let cd = per_axis!(i => load::<S>(&normals[0][i], from));
+            let db = per_axis!(i => load::<S>(&normals[1][i], from));
+            let bc = per_axis!(i => load::<S>(&normals[2][i], from));
+            let (u, v, w) = (dot(p, cd), dot(p, db), dot(p, bc));
+            let whole = load::<S>(&planes.whole, from);
+            let least = u.min(v).min(w.min(whole - (u + v + w)));
+            let bound = load::<S>(&planes.bound, from);
+            let inside = bound.lt(least).to_bits();
+            let mut maybe = there & !least.lt(zero - bound).to_bits();
+            if maybe == 0 {
+                from += LANES;
+                continue;
+            }
+            let inverse = load::<S>(&planes.inverse, from);
+            let u = (u * inverse).max(zero).min(one);
+            let v = (v * inverse).max(zero).min(one);
+            let w = (w * inverse).max(zero).min(one);
+            let more = &planes.more;
+            let mut values =
+                u.mul_add(load::<S>(&more[0], from), load::<S>(&planes.first, from));
+            values = v.mul_add(load::<S>(&more[1], from), values);
+            values = w.mul_add(load::<S>(&more[2], from), values);
+            values = values.max(load::<S>(&planes.least, from));
+            let values = values.min(load::<S>(&planes.largest, from)).to_array();
+            while maybe != 0 {
+                let lane = maybe.trailing_zeros() as usize;
+                maybe &= maybe - 1;
+                let slot = (from + lane) % SLOTS;
+                if inside >> lane & 1 == 0
+                    && self.decide(submesh, slot, 1, place, packets, in_leaf) == 0
+                {
+                    continue;
+                }
+                let mut value = [values[lane]; LANES];
+                if planes.flat >> slot & 1 == 1 {
+                    self.interpolate_flat(
+                        submesh, slot, 1, place, packets, in_leaf, &mut value,
+                    );
+                }
+                packets.note(number, self.primitive[slot], value[0]);
+                if packets.is_mixed {
+                    packets.note_kind(number, false);
+                }
+                return;
+            }
+            from += LANES;
         }
     }
 

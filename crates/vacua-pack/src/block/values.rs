@@ -54,6 +54,19 @@ impl<'a> Values<'a> {
     }
 }
 
+impl Values<'_> {
+    /// Asks for the value at a vertex that will be read soon, if there are such.
+    #[inline(always)]
+    pub fn prefetch(&self, header: &SubmeshHeader, vertex: u32) {
+        if let Self::OfPoints(PointValues { field, .. }) = self {
+            let values = field.values();
+            let place = header.first_vertex.wrapping_add(u64::from(vertex)) as usize;
+            let byte = place.wrapping_mul(values.scalar_type().size_bytes());
+            vacua_simd::prefetch(values.bytes(), byte);
+        }
+    }
+}
+
 impl PointValues<'_> {
     /// Values at the corners of some cells of a sub-mesh, corner by corner; NaN where a file has
     /// none.

@@ -1,5 +1,7 @@
 //! Packets through a mesh, sub-mesh after sub-mesh.
 
+use std::collections::VecDeque;
+
 use vacua_simd::{Float, LANES, Mask, Simd};
 
 use crate::Variant;
@@ -9,13 +11,13 @@ use crate::packed::Submesh;
 use super::descend::{Leaf, NodeLeaves, Visit, outer_items, visit_node};
 use super::others::OtherBatch;
 use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets, bits};
-use super::tets::{SLOTS, TetBatch};
+use super::tets::TetBatch;
 use super::values::Values;
 use super::{BlockSampler, Order, Sampled};
 
 /// Memory that a walk needs.
 pub(super) struct Scratch {
-    stack: Vec<Visit>,
+    stack: VecDeque<Visit>,
     items: Vec<Visit>,
     tets: TetBatch,
     others: OtherBatch,
@@ -26,7 +28,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub fn new() -> Self {
         Self {
-            stack: Vec::new(),
+            stack: VecDeque::new(),
             items: Vec::new(),
             tets: TetBatch::new(),
             others: OtherBatch::new(),
@@ -82,7 +84,7 @@ impl BlockSampler<'_> {
             let Some(submesh) = self.mesh.submesh(number) else {
                 continue;
             };
-            self.visit_submesh::<S>(number, &submesh, &boxes, packets, scratch);
+            self.visit_submesh::<S>(number, &submesh, &boxes, order, packets, scratch);
             let found = deliver(number, order, packets, sampled);
             if found && next < scratch.items.len() {
                 boxes = packets.boxes::<S>();
@@ -99,7 +101,7 @@ impl BlockSampler<'_> {
         let item = scratch.items[*next];
         *next += 1;
         if self.mesh.variant() == Variant::MultiNodes {
-            scratch.stack.push(Visit {
+            scratch.stack.push_back(Visit {
                 number: 0,
                 packets: item.packets & mask,
             });
@@ -116,7 +118,7 @@ impl BlockSampler<'_> {
             *next += 1;
         }
         for item in scratch.items[first..*next].iter().rev() {
-            scratch.stack.push(Visit {
+            scratch.stack.push_back(Visit {
                 number: (u64::from(item.number) - nodes.start) as u32,
                 packets: item.packets & mask,
             });
@@ -130,7 +132,8 @@ impl BlockSampler<'_> {
         &self,
         number: usize,
         submesh: &Submesh,
-        boxes: &PacketBoxes<S>,
+        boxes: &PacketBoxes,
+        order: Order,
         packets: &mut Packets,
         scratch: &mut Scratch,
     ) {
@@ -142,7 +145,7 @@ impl BlockSampler<'_> {
         packets.enter::<S>(frame, all);
         let cells = &submesh.header.num_cells;
         packets.is_mixed = cells[0] > 0 && cells[1..].iter().any(|&n| n > 0);
-        let boxes = boxes.in_sixteenths(frame);
+        let boxes = boxes.in_sixteenths::<S>(frame);
         let values = Values::new(self.mesh, self.field, self.map, number);
         let Scratch {
             stack,
@@ -152,7 +155,12 @@ impl BlockSampler<'_> {
             leaves,
             ..
         } = scratch;
-        while let Some(visit) = stack.pop() {
+        // Depth first, or, where every node is likely to be far away, breadth first, so that it is
+        // asked for long before it is visited.
+        while let Some(visit) = match order {
+            Order::Compact => stack.pop_back(),
+            Order::Scattered => stack.pop_front(),
+        } {
             if visit.packets != 0 {
                 visit_node::<S>(submesh, &boxes, visit, stack, leaves);
             } else {
@@ -160,15 +168,11 @@ impl BlockSampler<'_> {
             }
             for i in 0..leaves.len {
                 let leaf = &leaves.leaves[i % WIDTH];
-                let counts = LeafCounts::unpack(leaf.counts);
-                let num_tets = usize::from(counts.tets) + 2 * usize::from(counts.pairs);
-                if tets.len + num_tets > SLOTS {
-                    self.test_tets::<S>(submesh, &values, tets, packets, in_leaf);
+                if !tets.has_room(leaf) {
+                    self.test_tets::<S>(number, submesh, &values, order, tets, packets, in_leaf);
                 }
-                if num_tets > 0 {
-                    tets.add(submesh, leaf, frame.rounding);
-                }
-                let num_others = usize::from(counts.others);
+                tets.add(leaf);
+                let num_others = usize::from(LeafCounts::unpack(leaf.counts).others);
                 if others.len + num_others > LANES {
                     others.test::<S>(submesh, &values, packets, in_leaf);
                     others.clear();
@@ -180,7 +184,7 @@ impl BlockSampler<'_> {
             // One place each for these calls: they are long.
             let is_last = stack.is_empty();
             if is_last && tets.len > 0 {
-                self.test_tets::<S>(submesh, &values, tets, packets, in_leaf);
+                self.test_tets::<S>(number, submesh, &values, order, tets, packets, in_leaf);
             }
             if is_last && others.len > 0 {
                 others.test::<S>(submesh, &values, packets, in_leaf);
@@ -192,13 +196,17 @@ impl BlockSampler<'_> {
     #[inline(always)]
     fn test_tets<S: Simd>(
         &self,
+        number: usize,
         submesh: &Submesh,
         values: &Values,
+        order: Order,
         tets: &mut TetBatch,
         packets: &mut Packets,
         in_leaf: &mut InLeaf,
     ) {
-        tets.set_up::<S>(submesh, self.scale, values);
+        let rounding = self.frames[number].rounding;
+        let is_far = order == Order::Scattered;
+        tets.set_up::<S>(submesh, self.scale, rounding, values, is_far);
         tets.test::<S>(submesh, self.scale, packets, in_leaf);
         tets.clear();
     }
