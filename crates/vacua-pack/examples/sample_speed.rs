@@ -1,11 +1,12 @@
-//! Samples a second from the packed form, in ray order and at random, of the benchmark scenes:
-//! `cargo run --release -p vacua-pack --example sample_speed -- tet 100 [shuffled] [threads]`.
+//! Samples a second from the packed form, in the order of a picture's rays, along a Morton curve and at
+//! random, of the benchmark scenes:
+//! `cargo run --release -p vacua-pack --example sample_speed -- tet 100 [shuffled]`, or `hex 150`.
 #![allow(clippy::print_stdout, reason = "it is what this program is for")]
 
 use std::time::Instant;
 
 use rayon::prelude::*;
-use vacua_pack::{BlockSampler, EncodeOptions, PackedField, encode};
+use vacua_pack::{BlockSampler, EncodeOptions, Order, PackedField, Places, Sampled, encode};
 use vacua_synth::meshes;
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
 
@@ -59,39 +60,90 @@ fn build<const N: usize>(
     Ok((mesh, DataArray::from_vec(raw.scalars, 1)?))
 }
 
-/// Rays of a picture in tiles of 8 × 8, 16 consecutive samples at a time.
-fn ray_blocks(n: f32, side: usize) -> Vec<[[f32; LANES]; 3]> {
-    let mut blocks = Vec::new();
-    let direction = [-0.8f32, -0.5, -1.0].map(|d| d / 1.375);
-    let tiles = side / 8;
-    for tile in 0..tiles * tiles {
-        for pixel in 0..64 {
-            let x = (tile % tiles * 8 + pixel % 8) as f32 / side as f32;
-            let y = (tile / tiles * 8 + pixel / 8) as f32 / side as f32;
-            // Through a point of the middle plane, backwards and forwards.
-            let through = [0.1 + 0.8 * x, 0.1 + 0.8 * y, 0.5].map(|c| c * n);
-            for block in -10..10 {
-                let mut at = [[0.0; LANES]; 3];
-                for (i, at) in at.iter_mut().enumerate() {
-                    for (k, at) in at.iter_mut().enumerate() {
-                        let t = 0.5 * (block * LANES as i32 + k as i32) as f32;
-                        *at = through[i] + t * direction[i];
-                    }
-                }
-                let inside = |k: usize| (0..3).all(|i| (0.0..=n).contains(&at[i][k]));
-                if inside(0) && inside(LANES - 1) {
-                    blocks.push(at);
-                }
+/// Samples of a benchmark, sixteen places a vector, and which of them count.
+struct Samples {
+    at: Vec<Places>,
+    lanes: Vec<u16>,
+}
+
+impl Samples {
+    fn new() -> Self {
+        Self {
+            at: Vec::new(),
+            lanes: Vec::new(),
+        }
+    }
+
+    /// Adds a vector; only what is in the cube counts.
+    fn push(&mut self, n: f32, places: [[f32; 3]; LANES]) {
+        let at = [0, 1, 2].map(|i| places.map(|p| p[i]));
+        let inside = |k: usize| (0..3).all(|i| (0.0..=n).contains(&at[i][k]));
+        let lanes = (0..LANES).fold(0, |lanes, k| lanes | u16::from(inside(k)) << k);
+        self.at.push(at);
+        self.lanes.push(lanes);
+    }
+}
+
+/// Rays of a picture of 512 × 512 pixels in tiles of 8 × 8, sixteen consecutive samples of each half a
+/// cell apart; a vector holds four samples of 2 × 2 rays. Every so many tiles, so that it does not
+/// take long.
+fn ray_samples(n: f32) -> Samples {
+    const SIDE: usize = 512;
+    const EVERY: usize = 61;
+    let mut samples = Samples::new();
+    let forward = [-0.8f32, -0.5, -1.0].map(|d| d / 1.89f32.sqrt());
+    let right = [forward[2], 0.0, -forward[0]].map(|d| d / 1.64f32.sqrt() * 1.89f32.sqrt());
+    let up = [
+        right[1] * forward[2] - right[2] * forward[1],
+        right[2] * forward[0] - right[0] * forward[2],
+        right[0] * forward[1] - right[1] * forward[0],
+    ];
+    let pixel = n * 3f32.sqrt() / SIDE as f32;
+    let tiles = SIDE / 8;
+    let half = (n * 3f32.sqrt()) as i32 / 16 + 1;
+    for tile in (0..tiles * tiles).step_by(EVERY) {
+        for block in -2 * half..2 * half {
+            for vector in 0..64 {
+                let (group, quarter) = (vector / 4, vector % 4);
+                let place = |lane: usize| {
+                    let (ray, k) = (lane / 4, quarter * 4 + lane % 4);
+                    let x = tile % tiles * 8 + group % 4 * 2 + ray % 2;
+                    let y = tile / tiles * 8 + group / 4 * 2 + ray / 2;
+                    let u = (x as f32 - 0.5 * SIDE as f32) * pixel;
+                    let v = (y as f32 - 0.5 * SIDE as f32) * pixel;
+                    let t = 0.5 * (block * LANES as i32 + k as i32) as f32;
+                    [0, 1, 2].map(|i| 0.5 * n + u * right[i] + v * up[i] + t * forward[i])
+                };
+                samples.push(n, std::array::from_fn(place));
+            }
+            let from = samples.at.len() - 64;
+            if samples.lanes[from..].iter().all(|&lanes| lanes == 0) {
+                samples.at.truncate(from);
+                samples.lanes.truncate(from);
             }
         }
     }
-    blocks
+    samples
 }
 
-fn random_blocks(n: f32, count: usize) -> Vec<[[f32; LANES]; 3]> {
+/// Random places, in the order that they come or along a Morton curve.
+fn random_samples(n: f32, count: usize, is_sorted: bool) -> Samples {
     let mut state = 99;
-    let mut block = || std::array::from_fn(|_| std::array::from_fn(|_| n * random(&mut state)));
-    (0..count).map(|_| block()).collect()
+    let mut places: Vec<[f32; 3]> = (0..count * LANES)
+        .map(|_| [0; 3].map(|_| n * random(&mut state)))
+        .collect();
+    if is_sorted {
+        let spread = |c: f32| {
+            let bits = (c / n * 1024.0) as u64;
+            (0..10).fold(0, |code, bit| code | (bits >> bit & 1) << (3 * bit))
+        };
+        places.sort_by_cached_key(|p| spread(p[0]) | spread(p[1]) << 1 | spread(p[2]) << 2);
+    }
+    let mut samples = Samples::new();
+    for sixteen in places.chunks_exact(LANES) {
+        samples.push(n, std::array::from_fn(|k| sixteen[k]));
+    }
+    samples
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -118,38 +170,60 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         start.elapsed().as_secs_f64()
     );
     let sampler = BlockSampler::new(&encoded.mesh, &field, None);
+    let side = n as f32;
     let orders = [
-        ("rays", ray_blocks(n as f32, 96)),
-        ("random", random_blocks(n as f32, 20_000)),
+        ("rays", Order::Compact, ray_samples(side)),
+        (
+            "Morton",
+            Order::Compact,
+            random_samples(side, 100_000, true),
+        ),
+        (
+            "random",
+            Order::Scattered,
+            random_samples(side, 20_000, false),
+        ),
     ];
-    for (order, blocks) in orders {
+    for (name, order, samples) in orders {
         // The best of several runs, chunk by chunk: what a core does that is left alone.
-        let mut best = vec![f64::INFINITY; blocks.len().div_ceil(CHUNK)];
+        let chunks = || {
+            samples
+                .at
+                .par_chunks(CHUNK)
+                .zip(samples.lanes.par_chunks(CHUNK))
+        };
+        let mut best = vec![f64::INFINITY; chunks().len()];
         let mut fastest = f64::INFINITY;
         let (mut sum, mut found) = (0.0, 0);
         for _ in 0..RUNS {
             let start = Instant::now();
-            (sum, found) = blocks
-                .par_chunks(CHUNK)
+            (sum, found) = chunks()
                 .zip(&mut best)
-                .map(|(chunk, best)| {
-                    let start = Instant::now();
-                    let (mut sum, mut found) = (0.0, 0);
-                    for at in chunk {
-                        let sampled = sampler.sample(at, u16::MAX);
-                        sum += f64::from(sampled.values.iter().sum::<f32>());
-                        found += u64::from(sampled.valid.count_ones());
-                    }
-                    *best = best.min(start.elapsed().as_secs_f64());
-                    (sum, found)
-                })
+                .map_init(
+                    || vec![Sampled::default(); CHUNK],
+                    |sampled, ((at, lanes), best)| {
+                        let start = Instant::now();
+                        sampler.sample_all(order, at, lanes, sampled);
+                        *best = best.min(start.elapsed().as_secs_f64());
+                        let (mut sum, mut found) = (0.0, 0);
+                        for sampled in &sampled[..at.len()] {
+                            sum += f64::from(sampled.values.iter().sum::<f32>());
+                            found += u64::from(sampled.valid.count_ones());
+                        }
+                        (sum, found)
+                    },
+                )
                 .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
             fastest = fastest.min(start.elapsed().as_secs_f64());
         }
         let core_secs: f64 = best.iter().sum();
-        let count = blocks.len() * LANES;
+        let count: u64 = samples
+            .lanes
+            .iter()
+            .map(|l| u64::from(l.count_ones()))
+            .sum();
         println!(
-            "{order}: {:.2} Msamples/s, {:.2} a core left alone ({count} samples, {found} inside, mean {:.4})",
+            "{name}: {:.2} Msamples/s, {:.2} a core left alone ({count} samples, {found} inside, mean {:.4})",
             count as f64 / fastest * 1e-6,
             count as f64 / core_secs * 1e-6,
             sum / count as f64

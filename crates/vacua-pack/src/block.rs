@@ -1,46 +1,62 @@
-//! The cells of sixteen places at once, straight from the packed form.
+//! Values at many places at once, straight from the packed form.
 //!
-//! Sixteen consecutive samples of a ray, or any sixteen points, go through the trees together:
-//! breadth first, a mask of lanes with every node, so that what is needed next is asked for long
-//! before it is. Leaves that lanes fall into give up their cells to batches of sixteen: of
-//! tetrahedra, the vectors are sixteen *cells*, whose planes are set up once and then tried on one
-//! lane after the other; of other cells, boxes first, then Newton's method on sixteen pairs of cell
-//! and lane.
+//! Up to 64 *packets* of places go through the trees together, each with the box around its places:
+//! sixteen places that lie close together, as neighbouring samples of neighbouring rays do, or one
+//! place of those that lie anywhere. A node is decoded once; the boxes of its children are tried on
+//! sixteen boxes of packets at a time, and a bit a packet goes down with each. The cells of some
+//! leaves are then set up, sixteen at a time, and each leaf is given its places, sixteen at a time:
+//! tetrahedra are tried on them one after the other, other cells on sixteen pairs of cell and place.
 //!
 //! The answer is that of [`crate::Locator`], cell for cell: among several cells the one with the
 //! lowest packed index, whatever the order of the search. Vectors compute in `f32` with a bound on
 //! their rounding; where that leaves the slightest doubt (a place on a face, a flat cell, a map
-//! that is nearly singular), the scalar code decides in `f64`. No last cell is remembered: it could
-//! answer only for cells known not to overlap.
+//! that is nearly singular), the scalar code decides in `f64`. A value depends on the place and its
+//! cell alone, not on what it was computed with. No last cell is remembered: it could answer only for
+//! cells known not to overlap.
 //!
-//! Source: paper B, §5.2 to §5.6, one sample at a time on a GPU. Deviation: sixteen at a time.
+//! Source: paper B, §5.2 to §5.6, one sample at a time on a GPU. Deviation: many at a time.
 
-mod batch;
+mod descend;
+mod gradients;
 mod maps;
 mod others;
+mod packets;
 mod tets;
 mod values;
 mod walk;
 
-pub use values::{BlockSampler, Sampled};
+use vacua_simd::{Kernel, LANES, Level, Simd, WideMap, dispatch_at};
 
-use vacua_simd::{Kernel, LANES, Level, Simd, dispatch, dispatch_at};
-
+use crate::field::PackedField;
 use crate::grid::exp2;
-use crate::locate::Location;
 use crate::packed::PackedMesh;
-use vacua_volume::CellType;
+
+use packets::Packets;
+use walk::Scratch;
 
 /// A place a lane, axis by axis, relative to the mesh's origin (see [`PackedMesh::origin`]).
 pub type Places = [[f32; LANES]; 3];
 
 /// Coordinates up to which vectors compute; beyond, products could overflow.
 const LARGEST: f32 = 1e30;
+/// Indices of a sub-mesh up to which its primitives have numbers of 31 bits.
+const MOST_INDICES: u64 = 1 << 30;
 /// Corners of a cell at most.
-pub(crate) const MAX_CORNERS: usize = 8;
+const MAX_CORNERS: usize = 8;
+/// Packets that go through the trees together.
+const PACKETS: usize = 64;
+
+/// How places that are sampled together lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// The sixteen of a vector lie close together, and so do neighbouring vectors.
+    Compact,
+    /// Anywhere.
+    Scattered,
+}
 
 /// The cells of sixteen places. What belongs to lanes that are not in [`Located::found`] is void.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Located {
     /// The lanes whose place is in a cell.
     pub found: u16,
@@ -50,61 +66,17 @@ pub struct Located {
     pub submesh: [u32; LANES],
     /// Which primitive there; see [`crate::PackedCell::index`].
     pub primitive: [u64; LANES],
-    /// What kind of cell, by [`CellType`]'s number.
-    pub cell_type: [u8; LANES],
-    /// Which node of the sub-mesh.
-    pub node: [u32; LANES],
-    /// Its corners, as vertices of the sub-mesh: four of a tetrahedron, eight of others, of which
-    /// those past the end are repetitions.
-    pub corners: [[u32; LANES]; MAX_CORNERS],
-    /// Weights of the corners but the first, which has what is left to 1. As many as there are
-    /// corners.
-    pub weights: [[f32; LANES]; MAX_CORNERS],
 }
 
-impl Default for Located {
-    fn default() -> Self {
-        Self {
-            found: 0,
-            others: 0,
-            submesh: [0; LANES],
-            primitive: [u64::MAX; LANES],
-            cell_type: [0; LANES],
-            node: [0; LANES],
-            corners: [[0; LANES]; MAX_CORNERS],
-            weights: [[0.0; LANES]; MAX_CORNERS],
-        }
-    }
-}
-
-impl Located {
-    /// The kind of a lane's cell.
-    pub fn cell_type(&self, lane: usize) -> CellType {
-        CellType::ALL[usize::from(self.cell_type[lane]) % CellType::ALL.len()]
-    }
-
-    /// How many cells of its node come before a lane's cell.
-    pub fn cell_in_node(&self, mesh: &PackedMesh, lane: usize) -> u32 {
-        let submesh = mesh.submesh(self.submesh[lane] as usize);
-        let before = |s| batch::cells_before(&s, self.node[lane], self.primitive[lane]);
-        submesh.map_or(0, before)
-    }
-
-    /// Takes over what the scalar locator found for a lane.
-    fn set(&mut self, lane: usize, location: &Location) {
-        let cell = &location.cell;
-        self.found |= 1 << lane;
-        self.submesh[lane] = cell.submesh;
-        self.primitive[lane] = cell.index;
-        self.cell_type[lane] = cell.cell_type as u8;
-        self.others &= !(1 << lane);
-        self.others |= u16::from(cell.cell_type != CellType::Tetrahedron) << lane;
-        self.node[lane] = location.node;
-        for corner in 0..MAX_CORNERS {
-            self.corners[corner][lane] = cell.corners[corner];
-            self.weights[corner][lane] = location.weights[corner] as f32;
-        }
-    }
+/// Values at sixteen places.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sampled {
+    /// The values; 0 where there is none.
+    pub values: [f32; LANES],
+    /// The lanes that have one: those in a cell all of whose values are finite.
+    pub valid: u16,
+    /// The cells.
+    pub located: Located,
 }
 
 /// What vectors need to know of a sub-mesh.
@@ -118,16 +90,13 @@ struct Frame {
     rounding: f32,
 }
 
-/// Sixteen boxes of sub-meshes: lower corners, then upper ones, axis by axis.
-type Boxes = [[f32; LANES]; 6];
-
-/// Finds the cells of sixteen places at once.
+/// Gives the values of a field at many places at once.
 #[derive(Clone)]
-pub struct BlockLocator<'a> {
+pub struct BlockSampler<'a> {
     mesh: &'a PackedMesh,
+    field: &'a PackedField,
+    map: Option<WideMap>,
     frames: Vec<Frame>,
-    /// Of all sub-meshes, where they are few and each has its own tree.
-    boxes: Option<Vec<Boxes>>,
     /// A power of two that makes the mesh about 1 in size.
     scale: f32,
     /// Whether vectors can be trusted with this mesh at all.
@@ -140,25 +109,19 @@ impl PackedMesh {
     pub fn origin(&self) -> [f64; 3] {
         self.submeshes().first().map_or([0.0; 3], |s| s.origin)
     }
-
-    /// A locator of sixteen places at once.
-    pub fn block_locator(&self) -> BlockLocator<'_> {
-        BlockLocator::new(self)
-    }
 }
 
-impl<'a> BlockLocator<'a> {
-    /// The most sub-meshes that are tried one by one instead of through a tree.
-    const MAX_BOXES: usize = 256;
-
-    /// Prepares a mesh: a few numbers a sub-mesh.
-    pub fn new(mesh: &'a PackedMesh) -> Self {
+impl<'a> BlockSampler<'a> {
+    /// Prepares a field of a mesh: a few numbers a sub-mesh. `map` says how stored values become
+    /// those wanted.
+    pub fn new(mesh: &'a PackedMesh, field: &'a PackedField, map: Option<WideMap>) -> Self {
         let origin = mesh.origin();
         let mut is_tame = true;
         let mut extent = 0f32;
         let mut lo = [f32::INFINITY; 3];
         let mut hi = [f32::NEG_INFINITY; 3];
         for header in mesh.submeshes() {
+            is_tame &= header.num_indices < MOST_INDICES;
             for axis in 0..3 {
                 lo[axis] = lo[axis].min(header.lo[axis]);
                 hi[axis] = hi[axis].max(header.hi[axis]);
@@ -181,25 +144,11 @@ impl<'a> BlockLocator<'a> {
                 rounding: (tets::ROUNDING * cubic_sixteenth * scale.powi(3)) as f32,
             }
         });
-        let few = mesh.submeshes().len() <= Self::MAX_BOXES;
-        let boxes = (few && mesh.variant() == crate::Variant::MultiNodes).then(|| {
-            let mut all = Vec::new();
-            for sixteen in mesh.submeshes().chunks(LANES) {
-                let mut boxes: Boxes = [[f32::NAN; LANES]; 6];
-                for (i, header) in sixteen.iter().enumerate() {
-                    for axis in 0..3 {
-                        boxes[axis][i] = header.lo[axis];
-                        boxes[3 + axis][i] = header.hi[axis];
-                    }
-                }
-                all.push(boxes);
-            }
-            all
-        });
         Self {
             mesh,
+            field,
+            map,
             frames: frames.collect(),
-            boxes,
             scale: scale as f32,
             is_tame,
         }
@@ -210,54 +159,87 @@ impl<'a> BlockLocator<'a> {
         self.mesh
     }
 
-    /// The cells at the places of some lanes.
-    pub fn locate(&self, at: &Places, lanes: u16) -> Located {
-        dispatch(Locate {
-            locator: self,
-            at,
-            lanes,
-        })
+    /// The values at the places of some lanes, wherever they lie.
+    pub fn sample(&self, at: &Places, lanes: u16) -> Sampled {
+        let mut sampled = [Sampled::default()];
+        self.sample_all(Order::Scattered, &[*at], &[lanes], &mut sampled);
+        sampled[0]
     }
 
-    /// As [`Self::locate`] on a given instruction set; the same answer on each.
-    pub fn locate_at(&self, level: Level, at: &Places, lanes: u16) -> Located {
-        let locate = Locate {
-            locator: self,
+    /// The values at the places of some lanes of many vectors, as many as the shortest list has.
+    ///
+    /// Cost: vectors go through the trees together, best in multiples of 64 (of 4 in no order).
+    pub fn sample_all(&self, order: Order, at: &[Places], lanes: &[u16], sampled: &mut [Sampled]) {
+        self.sample_all_at(Level::best(), order, at, lanes, sampled);
+    }
+
+    /// As [`Self::sample_all`] on a given instruction set; the same answer on each.
+    pub fn sample_all_at(
+        &self,
+        level: Level,
+        order: Order,
+        at: &[Places],
+        lanes: &[u16],
+        sampled: &mut [Sampled],
+    ) {
+        let sample = SampleAll {
+            sampler: self,
+            order,
             at,
             lanes,
+            sampled,
         };
-        dispatch_at(level, locate)
-    }
-
-    /// The answer of the scalar locator, for lanes that vectors cannot serve.
-    #[cold]
-    #[inline(never)]
-    fn locate_one_by_one(&self, at: &Places, lanes: u16, out: &mut Located) {
-        let mut locator = self.mesh.locator();
-        for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
-            out.found &= !(1 << lane);
-            let place = [0, 1, 2].map(|axis| f64::from(at[axis][lane]));
-            if let Some(location) = locator.locate_local(place) {
-                out.set(lane, &location);
-            }
-        }
+        dispatch_at(level, sample);
     }
 }
 
-/// Sixteen places through a mesh.
-struct Locate<'a> {
-    locator: &'a BlockLocator<'a>,
-    at: &'a Places,
-    lanes: u16,
+/// Values at many places.
+struct SampleAll<'a> {
+    sampler: &'a BlockSampler<'a>,
+    order: Order,
+    at: &'a [Places],
+    lanes: &'a [u16],
+    sampled: &'a mut [Sampled],
 }
 
-impl Kernel for Locate<'_> {
-    type Output = Located;
+impl Kernel for SampleAll<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self) -> Located {
-        let mut out = Located::default();
-        self.locator.walk::<S>(self.at, self.lanes, &mut out);
-        out
+    fn run<S: Simd>(self) {
+        let vectors = match self.order {
+            Order::Compact => PACKETS,
+            Order::Scattered => PACKETS / LANES,
+        };
+        let mut scratch = Scratch::new();
+        let mut alone = [[[0.0; LANES]; 3]; PACKETS];
+        let chunks = self.at.chunks(vectors).zip(self.lanes.chunks(vectors));
+        for ((at, lanes), sampled) in chunks.zip(self.sampled.chunks_mut(vectors)) {
+            sampled.fill(Sampled::default());
+            let (places, live): (&[Places], _) = match self.order {
+                Order::Compact => {
+                    let mut live = [0; PACKETS];
+                    live[..lanes.len()].copy_from_slice(lanes);
+                    (at, live)
+                }
+                Order::Scattered => {
+                    let mut live = [0; PACKETS];
+                    for (v, at) in at.iter().enumerate() {
+                        for lane in 0..LANES {
+                            let packet = v * LANES + lane;
+                            live[packet] = lanes[v] >> lane & 1;
+                            for axis in 0..3 {
+                                alone[packet][axis][0] = at[axis][lane];
+                            }
+                        }
+                    }
+                    (&alone[..at.len() * LANES], live)
+                }
+            };
+            let mut packets = Packets::new(places);
+            packets.live = live;
+            self.sampler
+                .walk::<S>(&mut packets, self.order, &mut scratch, sampled);
+        }
     }
 }

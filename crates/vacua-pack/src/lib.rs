@@ -7,7 +7,7 @@
 //! 2^N vertices, tetrahedra in pairs of five indices, leaves without item lists, nodes of eight
 //! children with boxes quantised twice. Geometry is immutable; [`PackedField`]s bring values and
 //! their ranges along, each on its own. [`Locator`] finds the cell at a position and the weights of
-//! its corners, [`BlockLocator`] those of sixteen positions at once; [`file`](mod@file) is the `.vacua` file, used where it is mapped.
+//! its corners, [`BlockSampler`] the values of a field at many positions at once; [`file`](mod@file) is the `.vacua` file, used where it is mapped.
 //!
 //! What the paper says, and where it is:
 //!
@@ -67,7 +67,7 @@ mod spill;
 mod submesh;
 mod volume;
 
-pub use block::{BlockLocator, BlockSampler, Located, Sampled};
+pub use block::{BlockSampler, Located, Order, Places, Sampled};
 pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
 pub use encode::{
     EncodeError, EncodeObserver, EncodeOptions, EncodeProgress, EncodeReport, EncodeStage, Encoded,

@@ -6,15 +6,13 @@ mod common;
 use common::{CUTS, Cut, Random, Soup, lattice};
 use proptest::prelude::*;
 use vacua_pack::{
-    BlockSampler, EncodeOptions, Encoded, Located, PackedField, Sampled, Variant, encode,
+    BlockSampler, EncodeOptions, Encoded, Order, PackedField, Places, Sampled, Variant, encode,
     interpolate, weights_at,
 };
 use vacua_simd::{LANES, Level};
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
 
 const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
-
-type Places = [[f32; LANES]; 3];
 
 fn encoded(mesh: &UnstructuredMesh, variant: Variant, index_bits: u32) -> Encoded {
     let options = EncodeOptions {
@@ -63,40 +61,32 @@ fn brute_force(encoded: &Encoded, field: &PackedField, at: [f32; 3]) -> Option<(
 }
 
 fn bits(sampled: &Sampled) -> Vec<u64> {
-    let Located {
-        found,
-        submesh,
-        primitive,
-        node,
-        corners,
-        weights,
-        ..
-    } = &sampled.located;
-    let mut bits = vec![u64::from(sampled.valid), u64::from(*found)];
-    for lane in (0..LANES).filter(|lane| found >> lane & 1 == 1) {
+    let located = &sampled.located;
+    let mut bits = vec![u64::from(sampled.valid), u64::from(located.found)];
+    for lane in (0..LANES).filter(|lane| located.found >> lane & 1 == 1) {
         bits.extend([
             u64::from(sampled.values[lane].to_bits()),
-            u64::from(submesh[lane]),
-            primitive[lane],
-            u64::from(node[lane]),
+            u64::from(located.submesh[lane]),
+            located.primitive[lane],
+            u64::from(located.others >> lane & 1),
         ]);
-        let n = sampled.located.cell_type(lane).num_points();
-        for k in 1..n {
-            bits.extend([
-                u64::from(corners[k][lane]),
-                u64::from(weights[k][lane].to_bits()),
-            ]);
-        }
     }
     bits
 }
 
-/// Samples on every instruction set, compares the bits, and gives one of the answers.
+/// Samples in both orders on every instruction set, compares the bits, and gives one of the answers.
 fn sample_everywhere(sampler: &BlockSampler, at: &Places, lanes: u16) -> Sampled {
-    let portable = sampler.sample_at(Level::Baseline, at, lanes);
+    let sample = |level, order| {
+        let mut sampled = [Sampled::default()];
+        sampler.sample_all_at(level, order, &[*at], &[lanes], &mut sampled);
+        sampled[0]
+    };
+    let portable = sample(Level::Baseline, Order::Scattered);
     for level in Level::available() {
-        let here = sampler.sample_at(level, at, lanes);
-        assert_eq!(bits(&here), bits(&portable), "{level:?}");
+        for order in [Order::Scattered, Order::Compact] {
+            let here = sample(level, order);
+            assert_eq!(bits(&here), bits(&portable), "{level:?} {order:?}");
+        }
     }
     portable
 }
@@ -115,16 +105,8 @@ fn check(encoded: &Encoded, field: &PackedField, at: &Places, lanes: u16, tolera
         let found = inside.then(|| (located.submesh[lane], located.primitive[lane]));
         assert_eq!(found, expected.map(|(s, i, _)| (s, i)), "{p:?}");
         let scalar = locator.locate_local(p.map(f64::from));
-        let scalar_place = scalar.map(|l| (l.cell.submesh, l.cell.index, l.node, l.cell_in_node));
-        let place = found.map(|(s, i)| {
-            (
-                s,
-                i,
-                located.node[lane],
-                located.cell_in_node(&encoded.mesh, lane),
-            )
-        });
-        assert_eq!(place, scalar_place);
+        let scalar_place = scalar.map(|l| (l.cell.submesh, l.cell.index));
+        assert_eq!(found, scalar_place);
         if let Some((_, _, value)) = expected {
             let off = (f64::from(sampled.values[lane]) - value).abs();
             assert!(off <= tolerance, "{p:?}: {} {value}", sampled.values[lane]);
@@ -206,9 +188,9 @@ fn nowhere_is_nothing() {
     assert_eq!(sampled.valid, 0xFFF0);
     assert_eq!(sampled.values[..4], [0.0; 4]);
     assert_eq!(sample_everywhere(&sampler, &at, 0).valid, 0);
-    let empty = encode(&Soup::default().mesh(), EncodeOptions::default()).expect("empty");
-    let places = [[0.0; LANES]; 3];
-    assert_eq!(empty.mesh.block_locator().locate(&places, 0xFFFF).found, 0);
+    let (empty, nothing) = with_field(&Soup::default(), Variant::MultiNodes, 16);
+    let sampler = BlockSampler::new(&empty.mesh, &nothing, None);
+    assert_eq!(sampler.sample(&[[0.0; LANES]; 3], 0xFFFF).located.found, 0);
 }
 
 /// A linear field is exact to 8 units in the last place of its range, in every kind of cell, at every

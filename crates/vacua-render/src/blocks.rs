@@ -13,7 +13,7 @@
 use vacua_simd::{BLOCK, Float, Mask, Simd};
 use vacua_skip::{Axis, BLOCKS_PER_WINDOW, MAX_SAMPLES, SampleRay, Skipper};
 
-use crate::setup::{TILE_RAYS, TileRays};
+use crate::setup::{TILE, TILE_RAYS, TileRays};
 
 /// Highest level of dyadic blocks: its eight samples span a window.
 pub const MAX_LEVEL: u32 = BLOCKS_PER_WINDOW.ilog2();
@@ -29,11 +29,31 @@ const GROUP_RAYS: usize = 16;
 /// The same where blocks vary in length, and are made a window at a time.
 const WINDOW_RAYS: usize = 2;
 
+/// Blocks that each ray of a tile advances where the samples of all its rays are looked for together:
+/// sixteen samples, so that those of a tile lie about as close together along the rays as across.
+const TOGETHER_BLOCKS: u32 = 2;
+
 /// Most pairs of blocks of a group: of each ray those of a chunk, or window, and one that waited.
-const GROUP_PAIRS: usize = {
+pub(crate) const GROUP_PAIRS: usize = {
     let chunks = GROUP_RAYS * (CHUNK_BLOCKS as usize / 2 + 1);
     let windows = WINDOW_RAYS * (BLOCKS_PER_WINDOW as usize / 2 + 1);
-    if chunks > windows { chunks } else { windows }
+    let together = TILE_RAYS * (TOGETHER_BLOCKS as usize).div_ceil(2);
+    let most = if chunks > windows { chunks } else { windows };
+    if most > together { most } else { together }
+};
+
+/// The rays of a tile two by two, row by row.
+const QUADS: [u8; TILE_RAYS] = {
+    let mut order = [0; TILE_RAYS];
+    let mut i = 0;
+    while i < TILE_RAYS {
+        let (quad, corner) = (i / 4, i % 4);
+        let quads = TILE / 2;
+        let (x, y) = (quad % quads * 2 + corner % 2, quad / quads * 2 + corner / 2);
+        order[i] = (y * TILE + x) as u8;
+        i += 1;
+    }
+    order
 };
 
 /// Samples that a block of the highest level spans; rays begin at a multiple of it.
@@ -59,8 +79,11 @@ pub(crate) trait Visit<S: Simd> {
     type State;
     /// Where samples are in their cells.
     type Place: Copy + Default;
-    /// The values of two blocks of a ray of the tile.
-    fn sample(&self, ray: usize, pair: BlockPair) -> Sampled<S, Self::Place>;
+    /// Whether the samples of all rays of the tile are looked for together.
+    const IS_TOGETHER: bool;
+    /// The values of pairs of blocks of rays of the tile, each with its ray: at most one pair a ray
+    /// where they are looked for together.
+    fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, Self::Place>);
     /// Adds two blocks to a ray; `false` to end it.
     fn add(
         &self,
@@ -71,14 +94,23 @@ pub(crate) trait Visit<S: Simd> {
     ) -> bool;
 }
 
+/// Values of the pairs of blocks of a group, in arrays of their own, as close together as the cache
+/// likes them.
+pub(crate) struct Group<S: Simd, P> {
+    pub value: [S::F; GROUP_PAIRS],
+    /// Which may be seen.
+    pub seen: [S::M; GROUP_PAIRS],
+    /// Which are samples of the ray.
+    pub lanes: [S::M; GROUP_PAIRS],
+    pub place: [P; GROUP_PAIRS],
+}
+
 /// Values of two blocks.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<S: Simd, P> {
     pub value: S::F,
     /// Which may be seen.
     pub seen: S::M,
-    /// Which are samples of the ray.
-    pub lanes: S::M,
     pub place: P,
 }
 
@@ -209,9 +241,20 @@ type Block = (f32, f32);
 const NO_BLOCK: Block = (NOWHERE, 0.0);
 
 /// Blocks of a ray within a window, where their lengths vary.
+#[derive(Clone)]
 struct BlockList {
     blocks: [Block; BLOCKS_PER_WINDOW as usize],
+    /// How many there are, and how many of them are done.
     len: usize,
+    done: usize,
+}
+
+impl BlockList {
+    const EMPTY: Self = Self {
+        blocks: [NO_BLOCK; BLOCKS_PER_WINDOW as usize],
+        len: 0,
+        done: 0,
+    };
 }
 
 /// Pairs of blocks of the rays of a group, those of each ray in order.
@@ -246,10 +289,6 @@ impl Partition<'_> {
         let mut waiting = [NO_BLOCK; TILE_RAYS];
         let mut samples = [0; TILE_RAYS];
         let mut set = [0u64; TILE_RAYS];
-        let mut list = BlockList {
-            blocks: [NO_BLOCK; BLOCKS_PER_WINDOW as usize],
-            len: 0,
-        };
         let nothing = BlockPair {
             first: [NOWHERE; 2],
             stride: [0.0; 2],
@@ -259,14 +298,22 @@ impl Partition<'_> {
             len: 0,
         };
         let mut maybe_seen = [0u8; GROUP_PAIRS];
-        // Arrays of their own, as close together as the cache likes them.
-        let mut values = [S::F::splat(0.0); GROUP_PAIRS];
-        let mut lanes = [[S::M::from_bits(0); 2]; GROUP_PAIRS];
-        let mut places = [V::Place::default(); GROUP_PAIRS];
+        let mut sampled = Group {
+            value: [S::F::splat(0.0); GROUP_PAIRS],
+            seen: [S::M::from_bits(0); GROUP_PAIRS],
+            lanes: [S::M::from_bits(0); GROUP_PAIRS],
+            place: [V::Place::default(); GROUP_PAIRS],
+        };
+        // Where all blocks are alike there are no lists.
+        let mut lists = Vec::new();
+        if !matches!(self.strides, Strides::Constant) {
+            lists.resize(TILE_RAYS, BlockList::EMPTY);
+        }
         let live = || self.tile.rays.iter().filter(|ray| !ray.is_empty());
         let begin = live().map(SampleRay::first_block).min().unwrap_or(0);
         let end = live().map(SampleRay::end_block).max().unwrap_or(0);
         let (chunk_blocks, group_rays) = match self.strides {
+            _ if V::IS_TOGETHER => (TOGETHER_BLOCKS, TILE_RAYS),
             Strides::Constant => (CHUNK_BLOCKS, GROUP_RAYS),
             Strides::Varying(_) | Strides::Lattice(_) => (BLOCKS_PER_WINDOW, WINDOW_RAYS),
         };
@@ -284,55 +331,59 @@ impl Partition<'_> {
                 let mut group = 0;
                 while group < TILE_RAYS {
                     pairs.len = 0;
-                    for i in group..TILE_RAYS.min(group + group_rays) {
-                        let bits = set[i] & in_chunk;
+                    for &i in &QUADS[group..TILE_RAYS.min(group + group_rays)] {
+                        let i = usize::from(i) % TILE_RAYS;
                         if last {
                             if waiting[i].1 > 0.0 {
                                 pairs.push(i, waiting[i], NO_BLOCK);
                                 waiting[i] = NO_BLOCK;
                             }
-                        } else if bits != 0 {
-                            waiting[i] = match self.strides {
-                                Strides::Constant => {
-                                    pair_up(i, first_block, bits, waiting[i], &mut pairs)
-                                }
-                                Strides::Varying(_) | Strides::Lattice(_) => {
-                                    list.len = 0;
-                                    self.split(i, first_block, MAX_LEVEL, bits, &mut list);
-                                    pair_up_list(i, &list, waiting[i], &mut pairs)
-                                }
-                            };
+                        } else if let Some(list) = lists.get_mut(i) {
+                            if chunk == 0 {
+                                (list.len, list.done) = (0, 0);
+                                self.split(i, first_block, MAX_LEVEL, set[i], list);
+                            }
+                            let end = (first_block + chunk + chunk_blocks) * BLOCK as u32;
+                            waiting[i] = pair_up_list(i, list, end as f32, waiting[i], &mut pairs);
+                        } else if set[i] & in_chunk != 0 {
+                            let bits = set[i] & in_chunk;
+                            waiting[i] = pair_up(i, first_block, bits, waiting[i], &mut pairs);
                         }
                     }
+                    let pairs = &pairs.pairs[..pairs.len];
+                    if !pairs.is_empty() {
+                        visit.sample(pairs, &mut sampled);
+                    }
                     let mut num_seen = 0;
-                    for (n, (i, pair)) in pairs.pairs[..pairs.len].iter().enumerate() {
+                    for (n, (i, _)) in pairs.iter().enumerate() {
                         let i = usize::from(*i) % TILE_RAYS;
-                        let sampled = visit.sample(i, *pair);
-                        samples[i] += sampled.lanes.to_bits().count_ones();
-                        values[n] = sampled.value;
-                        lanes[n] = [sampled.seen, sampled.lanes];
-                        places[n] = sampled.place;
+                        samples[i] += sampled.lanes[n].to_bits().count_ones();
                         maybe_seen[num_seen] = n as u8;
-                        num_seen += usize::from(sampled.seen.any());
+                        num_seen += usize::from(sampled.seen[n].any());
                     }
                     for &n in &maybe_seen[..num_seen] {
                         let n = usize::from(n);
-                        let (i, pair) = pairs.pairs[n];
+                        let (i, pair) = pairs[n];
                         let i = usize::from(i) % TILE_RAYS;
                         if rays[i].is_empty() {
                             continue;
                         }
                         let sampled = Sampled {
-                            value: values[n],
-                            seen: lanes[n][0],
-                            lanes: lanes[n][1],
-                            place: &places[n],
+                            value: sampled.value[n],
+                            seen: sampled.seen[n],
+                            place: &sampled.place[n],
                         };
                         if !visit.add(i, &mut states[i], pair, sampled) {
                             (rays[i], set[i], waiting[i]) = (SampleRay::NONE, 0, NO_BLOCK);
+                            if let Some(list) = lists.get_mut(i) {
+                                list.done = list.len;
+                            }
                         }
                     }
                     group += group_rays;
+                }
+                if last {
+                    return samples;
                 }
                 chunk += chunk_blocks;
             }
@@ -405,11 +456,21 @@ fn pair_up(
     a
 }
 
-/// As [`pair_up`] for a list of blocks.
+/// As [`pair_up`] for the blocks of a list that begin before some sample.
 #[inline(always)]
-fn pair_up_list(ray: usize, list: &BlockList, waiting: Block, pairs: &mut PairList) -> Block {
+fn pair_up_list(
+    ray: usize,
+    list: &mut BlockList,
+    end: f32,
+    waiting: Block,
+    pairs: &mut PairList,
+) -> Block {
     let mut a = waiting;
-    for &block in &list.blocks[..list.len] {
+    for &block in &list.blocks[list.done..list.len] {
+        if block.0 >= end {
+            break;
+        }
+        list.done += 1;
         if a.1 == 0.0 {
             a = block;
         } else {
@@ -464,16 +525,15 @@ mod tests {
         }
     }
 
-    struct Collect;
-    impl Visit<Portable> for Collect {
+    struct Collect<const TOGETHER: bool>;
+    impl<const TOGETHER: bool> Visit<Portable> for Collect<TOGETHER> {
         type State = Vec<(u32, u32)>;
         type Place = ();
-        fn sample(&self, _: usize, _: BlockPair) -> Sampled<Portable, ()> {
-            Sampled {
-                value: Float::splat(0.0),
-                seen: Mask::from_bits(1),
-                lanes: Mask::from_bits(1),
-                place: (),
+        const IS_TOGETHER: bool = TOGETHER;
+        fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<Portable, ()>) {
+            for n in 0..pairs.len() {
+                group.seen[n] = Mask::from_bits(1);
+                group.lanes[n] = Mask::from_bits(1);
             }
         }
         fn add(
@@ -513,9 +573,12 @@ mod tests {
             strides: &strides,
         };
         let mut states = std::array::from_fn(|_| Vec::new());
-        let counts = partition.visit(&NoSkip, &Collect, &mut states);
+        let counts = partition.visit(&NoSkip, &Collect::<false>, &mut states);
         assert!(counts[0] > 0 && counts[1] == 0);
         let [blocks, ..] = states;
+        let mut states = std::array::from_fn(|_| Vec::new());
+        partition.visit(&NoSkip, &Collect::<true>, &mut states);
+        assert_eq!(states[0], blocks, "the same blocks, in smaller chunks");
         let mut next = 0;
         let mut widest = 0;
         for (first, stride) in blocks {

@@ -10,7 +10,7 @@ use vacua_simd::math::opacity_of_depth;
 use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, LANES, Mask, Simd, per_axis};
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
-use crate::blocks::{BlockPair, Sampled, Visit};
+use crate::blocks::{BlockPair, Group, Sampled, Visit};
 use crate::sampler::Sampler;
 use crate::setup::{LaneRay, TILE_RAYS, TileRays};
 
@@ -51,6 +51,51 @@ fn of_ray<S: Simd>(ray: &LaneRay, k: S::F) -> S::M {
 #[inline(always)]
 fn positions<S: Simd>(ray: &LaneRay, k: S::F) -> [S::F; 3] {
     per_axis!(a => k.mul_add(S::F::splat(ray.step[a]), S::F::splat(ray.start[a])))
+}
+
+/// Of some values those that may be seen: all, or those whose bin of a transfer table has extinction.
+#[inline(always)]
+fn seen<S: Simd>(table: Option<&TransferTable>, value: S::F, valid: S::M) -> S::M {
+    let Some(table) = table else {
+        return valid;
+    };
+    let bin = table_coordinate::<S>(table, value)
+        .to_i()
+        .min_unsigned(S::I::splat(LAST_BIN));
+    valid & S::bit_of_1024(table.active_bins(), bin)
+}
+
+/// Values of pairs of blocks, and which may be seen.
+#[inline(always)]
+fn sample<S: Simd, V: Sampler>(
+    sampler: &V,
+    tile: &TileRays,
+    pairs: &[(u8, BlockPair)],
+    group: &mut Group<S, V::Place>,
+    table: Option<&TransferTable>,
+) {
+    let mut places = Vec::new();
+    for (n, (i, pair)) in pairs.iter().enumerate() {
+        let i = usize::from(*i) % TILE_RAYS;
+        let ray = &tile.lanes[i];
+        let k = numbers::<S>(*pair);
+        let at = positions::<S>(ray, k);
+        group.lanes[n] = of_ray::<S>(ray, k);
+        if V::IS_TOGETHER {
+            places.push((i, at));
+            continue;
+        }
+        let (value, valid, place) = sampler.sample::<S>(at, group.lanes[n]);
+        group.value[n] = value;
+        group.seen[n] = seen::<S>(table, value, valid);
+        group.place[n] = place;
+    }
+    if V::IS_TOGETHER {
+        sampler.sample_tile::<S>(&places, group);
+        for n in 0..pairs.len() {
+            group.seen[n] = seen::<S>(table, group.value[n], group.seen[n]);
+        }
+    }
 }
 
 /// Where values lie in a transfer table: bins, and fractions of the way through them.
@@ -205,23 +250,11 @@ impl Composited {
 impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
     type State = Composited;
     type Place = V::Place;
+    const IS_TOGETHER: bool = V::IS_TOGETHER;
 
     #[inline(always)]
-    fn sample(&self, i: usize, pair: BlockPair) -> Sampled<S, V::Place> {
-        let ray = &self.tile.lanes[i];
-        let k = numbers::<S>(pair);
-        let lanes = of_ray::<S>(ray, k);
-        let at = positions::<S>(ray, k);
-        let (value, valid, place) = self.sampler.sample::<S>(at, lanes);
-        let bin = table_coordinate::<S>(self.table, value)
-            .to_i()
-            .min_unsigned(S::I::splat(LAST_BIN));
-        Sampled {
-            value,
-            seen: valid & S::bit_of_1024(self.table.active_bins(), bin),
-            lanes,
-            place,
-        }
+    fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, V::Place>) {
+        sample::<S, V>(self.sampler, self.tile, pairs, group, Some(self.table));
     }
 
     #[inline(always)]
@@ -324,20 +357,11 @@ impl<S: Simd> Largest<S> {
 impl<S: Simd, V: Sampler> Visit<S> for Maximum<'_, S, V> {
     type State = Largest<S>;
     type Place = V::Place;
+    const IS_TOGETHER: bool = V::IS_TOGETHER;
 
     #[inline(always)]
-    fn sample(&self, i: usize, pair: BlockPair) -> Sampled<S, V::Place> {
-        let ray = &self.tile.lanes[i];
-        let k = numbers::<S>(pair);
-        let lanes = of_ray::<S>(ray, k);
-        let at = positions::<S>(ray, k);
-        let (value, seen, place) = self.sampler.sample::<S>(at, lanes);
-        Sampled {
-            value,
-            seen,
-            lanes,
-            place,
-        }
+    fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, V::Place>) {
+        sample::<S, V>(self.sampler, self.tile, pairs, group, None);
     }
 
     #[inline(always)]

@@ -11,15 +11,17 @@ use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use vacua_pack::layout::{Child, WIDTH};
 use vacua_pack::{
-    BlockSampler, EncodeOptions, Located, PackedField, PackedMesh, PackedVolume, Submesh, encode,
+    BlockSampler, EncodeOptions, Located, Order, PackedField, PackedMesh, PackedVolume, Places,
+    Sampled, Submesh, encode,
 };
-use vacua_simd::{Float, Mask, Simd, WideMap, per_axis};
+use vacua_simd::{Float, LANES, Mask, Simd, WideMap, per_axis};
 use vacua_skip::{Axis, Lattice, Macrocells};
 use vacua_volume::{CellType, UnstructuredMesh, ValueMap, Volume};
 
-use crate::blocks::{LatticeMinima, Strides};
+use crate::blocks::{Group, LatticeMinima, Strides};
 use crate::error::RenderError;
 use crate::sampler::Sampler;
+use crate::setup::{TILE, TILE_RAYS};
 use crate::space::RaySpace;
 
 /// Cells in a cube of the lattice, at least, were they all alike: a byte a cell for strides at most.
@@ -321,14 +323,34 @@ pub(crate) struct PackedSampler<'a> {
     corner: [f32; 3],
 }
 
+/// Samples of a ray that lie side by side in a vector of the mesh's sampler, which has so many of
+/// each of so many rays: places of a vector are close together along the rays and across.
+const QUARTER: usize = LANES / 4;
+
+/// Quarters of vectors: those of the samples of a ray go to different vectors, next to those of its
+/// neighbours.
+fn quarters(ray: usize) -> [(usize, usize); 4] {
+    let (x, y) = (ray % TILE, ray / TILE);
+    let (quad, corner) = (y / 2 * (TILE / 2) + x / 2, y % 2 * 2 + x % 2);
+    [0, 1, 2, 3].map(|quarter| (4 * quad + quarter, corner * QUARTER))
+}
+
+impl PackedSampler<'_> {
+    /// Places of the mesh.
+    #[inline(always)]
+    fn places<S: Simd>(&self, at: [S::F; 3]) -> Places {
+        let cube = S::F::splat(self.cube);
+        per_axis!(a => at[a].mul_add(cube, S::F::splat(self.corner[a])).to_array())
+    }
+}
+
 impl Sampler for PackedSampler<'_> {
     type Place = Located;
+    const IS_TOGETHER: bool = true;
 
     #[inline(always)]
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Located) {
-        let cube = S::F::splat(self.cube);
-        let places = per_axis!(a => at[a].mul_add(cube, S::F::splat(self.corner[a])).to_array());
-        let sampled = self.sampler.sample(&places, lanes.to_bits());
+        let sampled = self.sampler.sample(&self.places::<S>(at), lanes.to_bits());
         (
             S::F::from_array(sampled.values),
             S::M::from_bits(sampled.valid),
@@ -337,8 +359,47 @@ impl Sampler for PackedSampler<'_> {
     }
 
     #[inline(always)]
-    fn gradient<S: Simd>(&self, _: [S::F; 3], place: &Located) -> [S::F; 3] {
-        let gradients = self.sampler.gradients(place);
+    fn sample_tile<S: Simd>(&self, places: &[(usize, [S::F; 3])], group: &mut Group<S, Located>) {
+        let mut at = [[[0.0; LANES]; 3]; TILE_RAYS];
+        let mut lanes = [0u16; TILE_RAYS];
+        for (n, &(ray, place)) in places.iter().enumerate() {
+            let place = self.places::<S>(place);
+            let bits = group.lanes[n].to_bits();
+            for (q, (vector, from)) in quarters(ray).into_iter().enumerate() {
+                for axis in 0..3 {
+                    let samples = &place[axis][q * QUARTER..][..QUARTER];
+                    at[vector][axis][from..][..QUARTER].copy_from_slice(samples);
+                }
+                lanes[vector] |= (bits >> (q * QUARTER) & 0xF) << from;
+            }
+        }
+        let mut sampled = [Sampled::default(); TILE_RAYS];
+        self.sampler
+            .sample_all(Order::Compact, &at, &lanes, &mut sampled);
+        for (n, &(ray, _)) in places.iter().enumerate() {
+            let mut value = [0.0; LANES];
+            let mut valid = 0;
+            let place = &mut group.place[n];
+            (place.found, place.others) = (0, 0);
+            for (q, (vector, from)) in quarters(ray).into_iter().enumerate() {
+                let (to, sampled) = (q * QUARTER, &sampled[vector]);
+                let located = &sampled.located;
+                value[to..][..QUARTER].copy_from_slice(&sampled.values[from..][..QUARTER]);
+                valid |= (sampled.valid >> from & 0xF) << to;
+                place.found |= (located.found >> from & 0xF) << to;
+                place.others |= (located.others >> from & 0xF) << to;
+                place.submesh[to..][..QUARTER].copy_from_slice(&located.submesh[from..][..QUARTER]);
+                place.primitive[to..][..QUARTER]
+                    .copy_from_slice(&located.primitive[from..][..QUARTER]);
+            }
+            group.value[n] = S::F::from_array(value);
+            group.seen[n] = S::M::from_bits(valid);
+        }
+    }
+
+    #[inline(always)]
+    fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Located) -> [S::F; 3] {
+        let gradients = self.sampler.gradients(&self.places::<S>(at), place);
         let cube = S::F::splat(self.cube);
         per_axis!(a => S::F::from_array(gradients[a]) * cube)
     }

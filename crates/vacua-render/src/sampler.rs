@@ -8,13 +8,31 @@ use vacua_simd::{Float, Int, LANES, Mask, PlainF32, Simd, Voxel, WideMap, per_ax
 use vacua_skip::{Axis, locate_unit};
 use vacua_volume::{CellMask, DataArray, ScalarType};
 
+use crate::blocks::Group;
+
 /// Anything that has a value at places of ray space.
 pub(crate) trait Sampler: Sync {
     /// In which cells places are, where that is too dear to be found again for the gradient.
     type Place: Copy + Default;
 
+    /// Whether it is best asked for the samples of all rays of a tile together.
+    const IS_TOGETHER: bool = false;
+
     /// Values at sixteen places, and where there are any. Only lanes of `lanes` count.
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, Self::Place);
+
+    /// As [`Sampler::sample`] for sixteen places of each of some rays of a tile: fills in all of the
+    /// group but its lanes, which it reads.
+    #[inline(always)]
+    fn sample_tile<S: Simd>(
+        &self,
+        places: &[(usize, [S::F; 3])],
+        group: &mut Group<S, Self::Place>,
+    ) {
+        for (n, (_, at)) in places.iter().enumerate() {
+            (group.value[n], group.seen[n], group.place[n]) = self.sample::<S>(*at, group.lanes[n]);
+        }
+    }
 
     /// Gradients in ray space, at places whose cells [`Sampler::sample`] gave.
     fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Self::Place) -> [S::F; 3];

@@ -243,6 +243,20 @@ impl Float for F {
         }
     }
     #[inline(always)]
+    fn compress(self, mask: M) -> Self {
+        let bits = mask.to_bits();
+        let (low, high) = (front(bits as u8), front((bits >> 8) as u8));
+        let mut values = [0.0f32; LANES];
+        let from = (bits as u8).count_ones() as usize;
+        simd! {
+            _mm256_storeu_ps(values.as_mut_ptr(), _mm256_permutevar8x32_ps(self.0, low));
+            // At most eight lanes come before: the second half fits after them.
+            let second = _mm256_permutevar8x32_ps(self.1, high);
+            _mm256_storeu_ps(values.as_mut_ptr().add(from), second);
+        }
+        Self::from_array(values)
+    }
+    #[inline(always)]
     fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
         simd! {
             let sum = _mm256_add_ps(_mm256_loadu_ps(sums.as_ptr()), self.0);
@@ -258,6 +272,16 @@ impl F {
         let normal = Self::splat(f32::MIN_POSITIVE).le(self.abs());
         let not_a_number = !self.le(self);
         self.or_zero(normal | not_a_number)
+    }
+}
+
+/// The numbers of the bits that are set, in order; zeros after them.
+#[inline(always)]
+fn front(bits: u8) -> __m256i {
+    simd! {
+        let bytes = _pdep_u64(u64::from(bits), 0x0101_0101_0101_0101).wrapping_mul(0xFF);
+        let numbers = _pext_u64(0x0706_0504_0302_0100, bytes);
+        _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(numbers as i64))
     }
 }
 

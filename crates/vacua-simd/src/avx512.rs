@@ -209,6 +209,10 @@ impl Float for F {
         Self(simd!(_mm512_permutexvar_ps(index.0, self.0)))
     }
     #[inline(always)]
+    fn compress(self, mask: M) -> Self {
+        Self(simd!(_mm512_maskz_compress_ps(mask.0, self.0)))
+    }
+    #[inline(always)]
     fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
         simd! {
             let sum = _mm256_loadu_ps(sums.as_ptr());

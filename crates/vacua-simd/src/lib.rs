@@ -311,6 +311,8 @@ pub trait Float:
     fn highest(self) -> f32;
     /// `self[index]` a lane; of an index only the lowest four bits count.
     fn permute(self, index: Self::I) -> Self;
+    /// The lanes of a mask, moved to the front in their order; what comes after them is not said.
+    fn compress(self, mask: Self::M) -> Self;
     /// Adds the first block, then the second, to sums.
     fn add_blocks_to(self, sums: &mut [f32; BLOCK]);
 }

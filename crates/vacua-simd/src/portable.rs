@@ -217,6 +217,16 @@ impl Float for F {
         Self(from_fn(|i| self.0[(index.0[i] & 15) as usize]))
     }
     #[inline(never)]
+    fn compress(self, mask: M) -> Self {
+        let mut compressed = [0.0; LANES];
+        let mut len = 0;
+        for (i, &value) in self.0.iter().enumerate() {
+            compressed[len] = value;
+            len += usize::from(mask.0 >> i & 1 == 1);
+        }
+        Self(compressed)
+    }
+    #[inline(never)]
     fn add_blocks_to(self, sums: &mut [f32; BLOCK]) {
         for (i, sum) in sums.iter_mut().enumerate() {
             *sum = *sum + self.0[i] + self.0[BLOCK + i];

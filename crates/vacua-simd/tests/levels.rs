@@ -71,6 +71,8 @@ impl Kernel for Operations {
         b.add_blocks_to(&mut sums);
         out.extend(sums.map(f32::to_bits));
         out.extend(ends.map(f32::to_bits));
+        let kept = m.to_bits().count_ones() as usize;
+        out.extend(a.compress(m).to_array()[..kept].iter().map(|v| v.to_bits()));
         let finite = a.abs().le(S::F::splat(f32::MAX));
         // Adding 0 makes one zero of two.
         out.extend(

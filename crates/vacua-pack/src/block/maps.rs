@@ -101,22 +101,28 @@ pub(super) fn newton<S: Simd>(
     let mut x = start;
     let mut certain = lanes;
     let mut margin = S::F::splat(f32::INFINITY);
+    // A lane that has settled stays as it is, so that its answer does not depend on the others.
+    let mut under_way = lanes;
     for _ in 0..MAX_STEPS {
         let (value, derivatives) = map.at(x);
         let (step, determinant, shortest) = solve(derivatives, value);
         let inverse = S::F::splat(1.0).div(shortest * determinant);
         let growth = map.bend(x) * (inverse * S::F::splat(SOLVING));
-        x = sub(x, step);
+        let moved = sub(x, step);
+        x = per_axis!(i => moved[i].select(under_way, x[i]));
         let size = largest(step);
         error = (growth * error).mul_add(size + error, inverse * S::F::splat(ROUNDING));
         // Comparisons with what is not a number fail.
-        certain = certain & error.lt(S::F::splat(LOST)) & largest(x).lt(S::F::splat(FAR));
-        margin = (growth * size).mul_add(size, error);
+        let close = error.lt(S::F::splat(LOST)) & largest(x).lt(S::F::splat(FAR));
+        certain = certain & (close | !under_way);
+        margin = (growth * size)
+            .mul_add(size, error)
+            .select(under_way, margin);
         let settled = size.lt(S::F::splat(LAST_STEP)) & margin.lt(S::F::splat(LOST));
-        if !(certain & !settled).any() {
+        under_way = under_way & certain & !settled;
+        if !under_way.any() {
             break;
         }
-        // A lane that has settled goes on with the others, which harms nothing.
     }
     Root {
         x,

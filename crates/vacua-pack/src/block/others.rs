@@ -1,164 +1,348 @@
-//! Sixteen pyramids, wedges and hexahedra at a time: their boxes tried on one lane after the other,
-//! then the inverse of their maps on sixteen pairs of cell and lane.
+//! Pyramids, wedges and hexahedra of several leaves: boxes tried on sixteen places at a time, then
+//! the inverse of their maps on sixteen pairs of cell and place.
 
 use vacua_simd::{Float, Int, LANES, Mask, Simd, per_axis};
 use vacua_volume::CellType;
 
 use crate::element::weights_at;
+use crate::layout::{LeafCounts, OTHER_INDICES, PAIR_INDICES, TET_INDICES};
 use crate::packed::Submesh;
 
-use super::batch::Batch;
+use super::MAX_CORNERS;
+use super::descend::Leaf;
 use super::maps::{Hexahedron, Pyramid, Wedge, largest, newton};
-use super::{Located, MAX_CORNERS, Places};
+use super::packets::{InLeaf, Packets, store};
+use super::values::Values;
 
 /// A pyramid's apex, in units of its size, within which base coordinates mean too little.
 const NEAR_APEX: f32 = 1.0 / 64.0;
 
-/// Pairs of cell and lane that a batch can give.
-const PAIRS: usize = LANES * LANES;
+/// Pairs of cell and place that wait at most: fewer than sixteen, and sixteen more.
+const PAIRS: usize = 2 * LANES;
+
+/// Cells of some leaves.
+pub(super) struct OtherBatch {
+    /// How many there are.
+    pub len: usize,
+    corners: [[u32; LANES]; MAX_CORNERS],
+    primitive: [i32; LANES],
+    /// The kind of each, by number.
+    cell_type: [u8; LANES],
+    leaves: [Leaf; LANES],
+    num_leaves: usize,
+}
+
+/// Pairs of cell and place.
+struct Pairs {
+    at: [[f32; PAIRS]; 3],
+    number: [u32; PAIRS],
+    slot: [i32; PAIRS],
+    len: usize,
+}
+
+/// What the cells of a batch are.
+struct Cells<S: Simd> {
+    corners: [[S::F; 3]; MAX_CORNERS],
+    values: [S::F; MAX_CORNERS],
+}
 
 /// What vectors say of sixteen pairs.
-struct Verdict<S: Simd> {
-    inside: S::M,
-    outside: S::M,
-    weights: [S::F; MAX_CORNERS],
+pub(super) struct Verdict<S: Simd> {
+    pub inside: S::M,
+    pub outside: S::M,
+    pub weights: [S::F; MAX_CORNERS],
 }
 
-/// Tests a batch and keeps, for each lane, the lowest primitive that accepts its place.
-#[inline(always)]
-pub(super) fn test<S: Simd>(
-    submesh: &Submesh,
-    batch: &Batch<MAX_CORNERS>,
-    at: &Places,
-    out: &mut Located,
-) {
-    let zero = S::F::splat(0.0);
-    let mut corners = [[zero; 3]; MAX_CORNERS];
-    for k in 0..MAX_CORNERS {
-        corners[k] = S::gather_points(submesh.positions, batch.corner(k));
-    }
-    let mut lo = corners[0];
-    let mut hi = corners[0];
-    for k in 1..MAX_CORNERS {
-        lo = per_axis!(i => corners[k][i].min(lo[i]));
-        hi = per_axis!(i => corners[k][i].max(hi[i]));
-    }
-    let mut slots = [0i32; PAIRS];
-    let mut lanes = [0i32; PAIRS];
-    let mut num_pairs = 0;
-    let mut left = batch.lanes;
-    while left != 0 {
-        let lane = left.trailing_zeros() as usize;
-        left &= left - 1;
-        let within = per_axis!(i => {
-            let p = S::F::splat(at[i][lane]);
-            lo[i].le(p) & p.le(hi[i])
-        });
-        let within = within[0] & within[1] & within[2];
-        let mut bits = within.to_bits() & batch.candidates[lane];
-        while bits != 0 {
-            slots[num_pairs % PAIRS] = bits.trailing_zeros() as i32;
-            lanes[num_pairs % PAIRS] = lane as i32;
-            num_pairs += 1;
-            bits &= bits - 1;
+impl OtherBatch {
+    pub fn new() -> Self {
+        Self {
+            len: 0,
+            corners: [[0; LANES]; MAX_CORNERS],
+            primitive: [0; LANES],
+            cell_type: [0; LANES],
+            leaves: [Leaf::default(); LANES],
+            num_leaves: 0,
         }
     }
-    let mut first = 0;
-    while first < num_pairs {
-        let mut slot_of = [0; LANES];
-        let mut lane_of = [0; LANES];
-        let len = (num_pairs - first).min(LANES);
-        slot_of[..len].copy_from_slice(&slots[first..first + len]);
-        lane_of[..len].copy_from_slice(&lanes[first..first + len]);
-        first += len;
-        let verdict = judge::<S>(batch, &corners, at, slot_of, lane_of, len);
-        let (inside, outside) = (verdict.inside.to_bits(), verdict.outside.to_bits());
-        let mut weights = [[0.0; LANES]; MAX_CORNERS];
-        for k in 1..MAX_CORNERS {
-            weights[k] = verdict.weights[k].to_array();
-        }
-        for pair in 0..len {
-            if outside >> pair & 1 == 1 {
-                continue;
-            }
-            let (slot, lane) = (
-                slot_of[pair] as usize % LANES,
-                lane_of[pair] as usize % LANES,
-            );
-            let primitive = batch.primitive[slot];
-            if out.found >> lane & 1 == 1 && out.primitive[lane] <= primitive {
-                continue;
-            }
-            if inside >> pair & 1 == 1 {
-                for k in 1..MAX_CORNERS {
-                    out.weights[k][lane] = weights[k][pair];
-                }
-            } else if !decide(submesh, batch, slot, at, lane, out) {
-                continue;
-            }
-            out.found |= 1 << lane;
-            out.others |= 1 << lane;
-            out.primitive[lane] = primitive;
-            out.cell_type[lane] = batch.cell_type[slot];
-            out.node[lane] = batch.node[slot];
+
+    /// Adds the pyramids, wedges and hexahedra of a leaf; there must be room for them.
+    #[inline(always)]
+    pub fn add(&mut self, submesh: &Submesh, leaf: &Leaf) {
+        let mut place = first_other(leaf);
+        for _ in 0..LeafCounts::unpack(leaf.counts).others {
+            let (cell_type, corners) = submesh.other(submesh.indices.read::<OTHER_INDICES>(place));
+            let slot = self.len % LANES;
             for k in 0..MAX_CORNERS {
-                out.corners[k][lane] = batch.corners[k][slot];
+                self.corners[k][slot] = corners[k];
+            }
+            self.primitive[slot] = (2 * place) as i32;
+            self.cell_type[slot] = cell_type as u8;
+            self.len += 1;
+            place += OTHER_INDICES as u64;
+        }
+        self.leaves[self.num_leaves % LANES] = *leaf;
+        self.num_leaves += 1;
+    }
+
+    /// Forgets the cells.
+    pub fn clear(&mut self) {
+        self.len = 0;
+        self.num_leaves = 0;
+    }
+
+    /// Finds the places in each leaf and notes, for each, the lowest primitive that accepts it and
+    /// its value.
+    #[inline(always)]
+    pub fn test<S: Simd>(
+        &self,
+        submesh: &Submesh,
+        values: &Values,
+        packets: &mut Packets,
+        in_leaf: &mut InLeaf,
+    ) {
+        let mut cells = Cells::<S> {
+            corners: [[S::F::splat(0.0); 3]; MAX_CORNERS],
+            values: [S::F::splat(0.0); MAX_CORNERS],
+        };
+        let at_corners = self.values_at_corners(submesh, values);
+        for k in 0..MAX_CORNERS {
+            cells.corners[k] = S::gather_points(submesh.positions, &self.corners[k]);
+            cells.values[k] = S::F::from_array(at_corners[k]);
+        }
+        let mut lo = cells.corners[0];
+        let mut hi = cells.corners[0];
+        for k in 1..MAX_CORNERS {
+            lo = per_axis!(i => cells.corners[k][i].min(lo[i]));
+            hi = per_axis!(i => cells.corners[k][i].max(hi[i]));
+        }
+        let (lo, hi) = (
+            per_axis!(i => lo[i].to_array()),
+            per_axis!(i => hi[i].to_array()),
+        );
+        let mut pairs = Pairs {
+            at: [[0.0; PAIRS]; 3],
+            number: [0; PAIRS],
+            slot: [0; PAIRS],
+            len: 0,
+        };
+        let mut slot = 0;
+        for leaf in &self.leaves[..self.num_leaves] {
+            let end = slot + usize::from(LeafCounts::unpack(leaf.counts).others);
+            packets.collect::<S>(leaf, 1.0, (2 * first_other(leaf)) as i32, in_leaf);
+            while slot < end {
+                let mut place = 0;
+                while place < in_leaf.len {
+                    let (at, lanes) = in_leaf.sixteen::<S>(place);
+                    let within = per_axis!(i => {
+                        let (lo, hi) = (lo[i][slot % LANES], hi[i][slot % LANES]);
+                        S::F::splat(lo).le(at[i]) & at[i].le(S::F::splat(hi))
+                    });
+                    let within = within[0] & within[1] & within[2];
+                    let lanes = within.to_bits() & lanes;
+                    if lanes != 0 {
+                        pairs.add::<S>(at, &in_leaf.number[place..], lanes, slot);
+                        if pairs.len >= LANES {
+                            self.judge_pairs::<S>(submesh, &cells, &pairs, LANES, packets);
+                            pairs.drop_sixteen();
+                        }
+                    }
+                    place += LANES;
+                }
+                slot += 1;
+            }
+        }
+        if pairs.len > 0 {
+            self.judge_pairs::<S>(submesh, &cells, &pairs, pairs.len, packets);
+        }
+    }
+
+    /// Values at the corners of all cells.
+    #[inline(always)]
+    fn values_at_corners(&self, submesh: &Submesh, values: &Values) -> [[f32; LANES]; MAX_CORNERS] {
+        let mut at_corners = [[0.0; LANES]; MAX_CORNERS];
+        match values {
+            Values::OfPoints(values) => {
+                values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+            }
+            Values::OfCells(values) => {
+                let mut slot = 0;
+                for leaf in &self.leaves[..self.num_leaves] {
+                    let counts = LeafCounts::unpack(leaf.counts);
+                    let tets = u32::from(counts.tets + 2 * counts.pairs);
+                    for cell in 0..u32::from(counts.others) {
+                        let value = values.at_cell(leaf.node, leaf.cells_before + tets + cell);
+                        for k in 0..MAX_CORNERS {
+                            at_corners[k][slot % LANES] = value;
+                        }
+                        slot += 1;
+                    }
+                }
+            }
+        }
+        at_corners
+    }
+
+    /// Notes which of the first pairs are of a cell that accepts the place.
+    #[inline(always)]
+    fn judge_pairs<S: Simd>(
+        &self,
+        submesh: &Submesh,
+        cells: &Cells<S>,
+        pairs: &Pairs,
+        len: usize,
+        packets: &mut Packets,
+    ) {
+        let mut slots = [0; LANES];
+        slots.copy_from_slice(&pairs.slot[..LANES]);
+        let mut cell_type = [0u8; LANES];
+        for pair in 0..LANES {
+            slots[pair] %= LANES as i32;
+            cell_type[pair] = self.cell_type[slots[pair] as usize % LANES];
+        }
+        let slot = S::I::from_array(slots);
+        let place = per_axis!(i => super::packets::load::<S>(&pairs.at[i], 0));
+        let mut p = [[S::F::splat(0.0); 3]; MAX_CORNERS];
+        for k in 0..MAX_CORNERS {
+            p[k] = per_axis!(i => cells.corners[k][i].permute(slot) - place[i]);
+        }
+        let lanes = ((1u32 << len) - 1) as u16;
+        let mut verdict = judge::<S>(p, &cell_type, lanes);
+        let doubt = lanes & !verdict.inside.to_bits() & !verdict.outside.to_bits();
+        let mut accepted = verdict.inside.to_bits() & lanes;
+        if doubt != 0 {
+            let mut weights = [[0.0; LANES]; MAX_CORNERS];
+            for k in 1..MAX_CORNERS {
+                weights[k] = verdict.weights[k].to_array();
+            }
+            accepted |= self.decide(submesh, doubt, pairs, packets, &mut weights);
+            for k in 1..MAX_CORNERS {
+                verdict.weights[k] = S::F::from_array(weights[k]);
+            }
+        }
+        if accepted == 0 {
+            return;
+        }
+        let mut values = [S::F::splat(0.0); MAX_CORNERS];
+        for k in 0..MAX_CORNERS {
+            values[k] = cells.values[k].permute(slot);
+        }
+        let value = interpolate::<S>(&values, &verdict.weights).to_array();
+        while accepted != 0 {
+            let pair = accepted.trailing_zeros() as usize;
+            accepted &= accepted - 1;
+            let number = pairs.number[pair];
+            let primitive = self.primitive[slots[pair] as usize % LANES];
+            if primitive < packets.primitive_of(number) {
+                packets.note(number, primitive, value[pair]);
+                packets.note_kind(number, true);
             }
         }
     }
-}
 
-/// The kind of a cell in a slot.
-#[inline(always)]
-fn kind(batch: &Batch<MAX_CORNERS>, slot: usize) -> CellType {
-    CellType::ALL[usize::from(batch.cell_type[slot]) % CellType::ALL.len()]
-}
-
-/// The scalar code's answer for a cell and a lane, with the weights if it accepts.
-#[cold]
-#[inline(never)]
-fn decide(
-    submesh: &Submesh,
-    batch: &Batch<MAX_CORNERS>,
-    slot: usize,
-    at: &Places,
-    lane: usize,
-    out: &mut Located,
-) -> bool {
-    let mut positions = [[0.0; 3]; MAX_CORNERS];
-    for k in 0..MAX_CORNERS {
-        let Some(position) = submesh.positions.get(batch.corners[k][slot] as usize) else {
-            return false;
-        };
-        positions[k] = *position;
+    /// Which pairs in doubt the scalar code accepts, with the weights.
+    #[cold]
+    #[inline(never)]
+    fn decide(
+        &self,
+        submesh: &Submesh,
+        doubt: u16,
+        pairs: &Pairs,
+        packets: &Packets,
+        weights: &mut [[f32; LANES]; MAX_CORNERS],
+    ) -> u16 {
+        let mut accepted = 0;
+        for pair in (0..LANES).filter(|pair| doubt >> pair & 1 == 1) {
+            let slot = pairs.slot[pair] as usize % LANES;
+            let corner = |k: usize| submesh.positions.get(self.corners[k][slot] as usize);
+            let positions = std::array::from_fn(|k| corner(k).copied().unwrap_or([f32::NAN; 3]));
+            let place = packets.place(pairs.number[pair]);
+            if let Some(found) = scalar_weights(self.cell_type[slot], &positions, place) {
+                accepted |= 1 << pair;
+                for k in 1..MAX_CORNERS {
+                    weights[k][pair] = found[k];
+                }
+            }
+        }
+        accepted
     }
-    let place = [0, 1, 2].map(|axis| f64::from(at[axis][lane]));
-    let Some(weights) = weights_at(kind(batch, slot), &positions, place) else {
-        return false;
-    };
+}
+
+impl Pairs {
+    /// Adds some lanes, each with a cell's slot.
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, at: [S::F; 3], numbers: &[u32], lanes: u16, slot: usize) {
+        let kept = S::M::from_bits(lanes);
+        for axis in 0..3 {
+            store::<S>(at[axis].compress(kept), &mut self.at[axis], self.len);
+        }
+        let mut left = lanes;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            self.number[self.len % PAIRS] = numbers[lane];
+            self.slot[self.len % PAIRS] = slot as i32;
+            self.len += 1;
+        }
+    }
+
+    /// Forgets the first sixteen.
+    #[inline(always)]
+    fn drop_sixteen(&mut self) {
+        for axis in 0..3 {
+            self.at[axis].copy_within(LANES.., 0);
+        }
+        self.number.copy_within(LANES.., 0);
+        self.slot.copy_within(LANES.., 0);
+        self.len -= LANES;
+    }
+}
+
+/// Where the pyramids, wedges and hexahedra of a leaf begin among the indices.
+#[inline(always)]
+fn first_other(leaf: &Leaf) -> u64 {
+    let counts = LeafCounts::unpack(leaf.counts);
+    let (tets, pairs) = (u64::from(counts.tets), u64::from(counts.pairs));
+    u64::from(leaf.first_index) + TET_INDICES as u64 * tets + PAIR_INDICES as u64 * pairs
+}
+
+/// The scalar code's answer for a cell, given its kind's number and its corners, and a place.
+pub(super) fn scalar_weights(
+    cell_type: u8,
+    positions: &[[f32; 3]; MAX_CORNERS],
+    place: [f32; 3],
+) -> Option<[f32; MAX_CORNERS]> {
+    let cell_type = CellType::ALL[usize::from(cell_type) % CellType::ALL.len()];
+    let weights = weights_at(cell_type, positions, place.map(f64::from))?;
+    Some(weights.map(|w| w as f32))
+}
+
+/// The value that weights make of the corners' values, within their range whatever the rounding;
+/// NaN where one of them is not finite.
+#[inline(always)]
+fn interpolate<S: Simd>(values: &[S::F; MAX_CORNERS], weights: &[S::F; MAX_CORNERS]) -> S::F {
+    let first = values[0];
+    let (mut lo, mut hi, mut value) = (first, first, first);
+    let mut finite = first.abs().le(S::F::splat(f32::MAX));
     for k in 1..MAX_CORNERS {
-        out.weights[k][lane] = weights[k] as f32;
+        let corner = values[k];
+        finite = finite & corner.abs().le(S::F::splat(f32::MAX));
+        lo = lo.min(corner);
+        hi = hi.max(corner);
+        value = weights[k].mul_add(corner - first, value);
     }
-    true
+    value.max(lo).min(hi).select(finite, S::F::splat(f32::NAN))
 }
 
-/// Inverts the maps of sixteen pairs.
+/// Inverts the maps of sixteen cells, given by their corners relative to the place.
 #[inline(always)]
-fn judge<S: Simd>(
-    batch: &Batch<MAX_CORNERS>,
-    corners: &[[S::F; 3]; MAX_CORNERS],
-    at: &Places,
-    slot_of: [i32; LANES],
-    lane_of: [i32; LANES],
-    len: usize,
+pub(super) fn judge<S: Simd>(
+    mut p: [[S::F; 3]; MAX_CORNERS],
+    cell_type: &[u8; LANES],
+    lanes: u16,
 ) -> Verdict<S> {
-    let (slot, lane) = (S::I::from_array(slot_of), S::I::from_array(lane_of));
-    let place = per_axis!(i => S::F::from_array(at[i]).permute(lane));
     let zero = S::F::splat(0.0);
-    let mut p = [[zero; 3]; MAX_CORNERS];
     let mut size = zero;
     for k in 0..MAX_CORNERS {
-        p[k] = per_axis!(i => corners[k][i].permute(slot) - place[i]);
         size = size.max(largest(p[k]));
     }
     // The power of two that brings sizes to between 1 and 2, for those that are normal numbers.
@@ -168,11 +352,10 @@ fn judge<S: Simd>(
         p[k] = per_axis!(i => p[k][i] * scale);
     }
     let tame = S::F::splat(1e-30).lt(size) & size.lt(S::F::splat(1e30));
-    let tame = tame & S::M::from_bits(((1u32 << len) - 1) as u16);
+    let tame = tame & S::M::from_bits(lanes);
     let mut of_kind = [0u16; 4];
-    for pair in 0..len {
-        let kind = usize::from(batch.cell_type[slot_of[pair] as usize % LANES] & 3);
-        of_kind[kind] |= 1 << pair;
+    for pair in 0..LANES {
+        of_kind[usize::from(cell_type[pair] & 3)] |= 1 << pair;
     }
     let none = S::M::from_bits(0);
     let mut verdict = Verdict::<S> {
@@ -180,15 +363,15 @@ fn judge<S: Simd>(
         outside: none,
         weights: [zero; MAX_CORNERS],
     };
-    let hexahedra = of_kind[CellType::Hexahedron as usize];
+    let hexahedra = of_kind[CellType::Hexahedron as usize] & lanes;
     if hexahedra != 0 {
         hexahedron::<S>(&p, tame & S::M::from_bits(hexahedra), &mut verdict);
     }
-    let wedges = of_kind[CellType::Wedge as usize];
+    let wedges = of_kind[CellType::Wedge as usize] & lanes;
     if wedges != 0 {
         wedge::<S>(&p, tame & S::M::from_bits(wedges), &mut verdict);
     }
-    let pyramids = of_kind[CellType::Pyramid as usize];
+    let pyramids = of_kind[CellType::Pyramid as usize] & lanes;
     if pyramids != 0 {
         pyramid::<S>(&p, tame & S::M::from_bits(pyramids), &mut verdict);
     }
