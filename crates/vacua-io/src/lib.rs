@@ -11,6 +11,7 @@ mod decode;
 mod error;
 mod exodus;
 mod files;
+mod hdf5;
 mod mesh;
 mod mesh_dump;
 mod metaimage;
