@@ -27,6 +27,7 @@ mod save;
 mod source;
 pub mod transfer_json;
 pub mod vtk;
+mod xdmf;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};

@@ -48,6 +48,7 @@ pub fn formats() -> &'static [Format] {
         vtk::legacy::FORMAT,
         crate::exodus::FORMAT,
         crate::hdf5::FORMAT,
+        crate::xdmf::FORMAT,
         crate::mesh_dump::FORMAT,
         crate::nrrd::FORMAT,
         crate::metaimage::FORMAT,
