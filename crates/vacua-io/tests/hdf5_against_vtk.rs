@@ -70,7 +70,11 @@ fn other_cells_and_flags_are_those_of_the_xml_file() {
         assert_eq!(xml_mesh.num_cells(), hdf_mesh.num_cells(), "{stem}");
         for cell in 0..xml_mesh.num_cells() {
             let (a, b) = (xml_mesh.cell(cell), hdf_mesh.cell(cell));
-            assert_eq!((a.cell_type, a.points()), (b.cell_type, b.points()), "{stem}: {cell}");
+            assert_eq!(
+                (a.cell_type, a.points()),
+                (b.cell_type, b.points()),
+                "{stem}: {cell}"
+            );
         }
         assert_eq!(xml.notes(), hdf.notes(), "{stem}");
         let blank = |dataset: &Dataset| -> Option<Vec<bool>> {
@@ -97,7 +101,9 @@ fn collections_are_joined() {
 
 #[test]
 fn other_types_are_refused_by_name() {
-    let error = vacua_io::open(folder().join("sphere.vtkhdf")).err().expect("a surface");
+    let error = vacua_io::open(folder().join("sphere.vtkhdf"))
+        .err()
+        .expect("a surface");
     assert!(error.to_string().contains("`PolyData`"), "{error}");
     assert!(error.to_string().contains("`UnstructuredGrid`"), "{error}");
 }

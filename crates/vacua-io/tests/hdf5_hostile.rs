@@ -34,7 +34,10 @@ fn files(folder: &Path, extensions: &[&str]) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 fn format(name: &str) -> &'static Format {
-    formats().iter().find(|f| f.name == name).expect("registered")
+    formats()
+        .iter()
+        .find(|f| f.name == name)
+        .expect("registered")
 }
 
 fn check_mutants(format: &Format, seeds: &[(PathBuf, Vec<u8>)], seed: u64) -> [usize; 2] {
@@ -57,7 +60,10 @@ fn mutants_of_hdf5_are_read_or_refused() {
     let seeds = files(&folder().join("hdf"), &["vtkhdf", "g"]);
     assert!(seeds.len() >= 20, "{}", seeds.len());
     let [refused, read] = check_mutants(format("VTKHDF"), &seeds, 0x5EED_0005);
-    assert!(refused > 300 && read > 100, "{refused} refused, {read} read");
+    assert!(
+        refused > 300 && read > 100,
+        "{refused} refused, {read} read"
+    );
 }
 
 #[test]

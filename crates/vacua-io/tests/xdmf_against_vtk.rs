@@ -69,11 +69,17 @@ fn structured_grids_are_those_of_the_xml_files() {
         }
         assert_eq!(xdmf.fields().len(), 2);
         for field in xdmf.fields() {
-            let same = xml.fields().iter().find(|f| {
-                f.name() == field.name() && f.association() == field.association()
-            });
+            let same = xml
+                .fields()
+                .iter()
+                .find(|f| f.name() == field.name() && f.association() == field.association());
             let (a, b) = (field.load().expect("loads"), same.expect("there").load());
-            assert_eq!(a.bytes(), b.expect("loads").bytes(), "{name}: {}", field.name());
+            assert_eq!(
+                a.bytes(),
+                b.expect("loads").bytes(),
+                "{name}: {}",
+                field.name()
+            );
         }
     }
 }
@@ -90,7 +96,9 @@ fn mixed_cells_with_polyhedra_and_curved_ones() {
             .map(|&p| mesh.position(p as usize))
             .collect();
         match cell.cell_type {
-            CellType::Tetrahedron => ((at[1] - at[0]).cross(at[2] - at[0]).dot(at[3] - at[0]) / 6.0).abs(),
+            CellType::Tetrahedron => {
+                ((at[1] - at[0]).cross(at[2] - at[0]).dot(at[3] - at[0]) / 6.0).abs()
+            }
             _ => 0.0,
         }
     };
@@ -115,22 +123,52 @@ fn what_is_not_read_is_named() {
     assert!(read_text(good.clone()).is_ok());
     for (from, to, word) in [
         ("Version=\"3.0\"", "Version=\"4.0\"", "version `4.0`"),
-        ("TopologyType=\"Mixed\"", "TopologyType=\"Wobbly\"", "`WOBBLY`"),
-        ("GeometryType=\"XYZ\"", "GeometryType=\"ORIGIN_DXDYDZ\"", "`ORIGIN_DXDYDZ`"),
-        ("GeometryType=\"XYZ\"", "GeometryType=\"XY\"", "2 numbers a point"),
-        ("Format=\"XML\"", "Format=\"XML\" ItemType=\"Function\"", "`FUNCTION`"),
+        (
+            "TopologyType=\"Mixed\"",
+            "TopologyType=\"Wobbly\"",
+            "`WOBBLY`",
+        ),
+        (
+            "GeometryType=\"XYZ\"",
+            "GeometryType=\"ORIGIN_DXDYDZ\"",
+            "`ORIGIN_DXDYDZ`",
+        ),
+        (
+            "GeometryType=\"XYZ\"",
+            "GeometryType=\"XY\"",
+            "2 numbers a point",
+        ),
+        (
+            "Format=\"XML\"",
+            "Format=\"XML\" ItemType=\"Function\"",
+            "`FUNCTION`",
+        ),
         ("Format=\"XML\"", "Format=\"MySQL\"", "`MYSQL`"),
         ("Precision=\"4\"", "Precision=\"3\"", "precision 3"),
-        ("NumberOfElements=\"24\"", "NumberOfElements=\"25\"", "25 elements"),
+        (
+            "NumberOfElements=\"24\"",
+            "NumberOfElements=\"25\"",
+            "25 elements",
+        ),
         ("Name=\"Grid\"", "GridType=\"SubSet\"", "`SUBSET`"),
-        ("Dimensions=\"27 3\"", "Dimensions=\"99999999999 3\"", "numbers"),
-        ("Dimensions=\"27 3\"", "Dimensions=\"99999999999 99999999999\"", "address space"),
+        (
+            "Dimensions=\"27 3\"",
+            "Dimensions=\"99999999999 3\"",
+            "numbers",
+        ),
+        (
+            "Dimensions=\"27 3\"",
+            "Dimensions=\"99999999999 99999999999\"",
+            "address space",
+        ),
         ("Center=\"Cell\"", "Center=\"Node\"", "attribute"),
         ("<Topology ", "<Topology Order=\"1 0 2 3\" ", "order"),
     ] {
         let text = good.replacen(from, to, 1);
         assert_ne!(text, good, "{from}");
-        let error = read_text(text).err().unwrap_or_else(|| panic!("{to} is read"));
+        let error = read_text(text)
+            .err()
+            .unwrap_or_else(|| panic!("{to} is read"));
         assert!(error.contains(word), "{to}: {error}");
     }
 }
@@ -153,7 +191,11 @@ fn heavy_data_is_beside_the_file() {
         ("mixed.h5:", "../mixed.h5:", "outside"),
         ("mixed.h5:", "mixed.xmf:", "mixed.xmf"),
         ("/Geometry/Points", "/Geometry/None", "None"),
-        ("/Geometry/Points", "/Geometry/Points|0 0 1 1 2 2", "part of an array"),
+        (
+            "/Geometry/Points",
+            "/Geometry/Points|0 0 1 1 2 2",
+            "part of an array",
+        ),
         ("mixed.h5:", "", "file.h5:/array"),
         ("27 3", "26 3", "[27, 3]"),
     ] {
@@ -166,9 +208,7 @@ fn heavy_data_is_beside_the_file() {
 
 #[test]
 fn references_in_circles_end() {
-    let circle = |grids: &str| {
-        format!("<Xdmf Version='2.0'><Domain>{grids}</Domain></Xdmf>")
-    };
+    let circle = |grids: &str| format!("<Xdmf Version='2.0'><Domain>{grids}</Domain></Xdmf>");
     let same = "<Grid GridType='Tree' Name='a'><Grid Reference='/Xdmf/Domain/Grid'/></Grid>";
     assert!(read_text(circle(same)).is_err());
     let many = "<Grid Reference='/Xdmf/Domain/Grid'/>".repeat(50);

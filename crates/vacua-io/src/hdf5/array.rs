@@ -73,11 +73,7 @@ fn kind(datatype: &Datatype) -> ArrayKind {
 }
 
 impl Array {
-    pub(super) fn new(
-        container: Container,
-        dataset: Dataset,
-        path: &str,
-    ) -> Result<Self, Problem> {
+    pub(super) fn new(container: Container, dataset: Dataset, path: &str) -> Result<Self, Problem> {
         let what = format!("array `{path}`");
         let lens: Option<Vec<usize>> = dataset
             .shape()
@@ -152,9 +148,10 @@ impl Array {
         match &self.kind {
             ArrayKind::Numbers(scalar_type) => Ok(*scalar_type),
             ArrayKind::Text(_) => Err(Problem::malformed(&self.what, "numbers", "text")),
-            ArrayKind::Other(name) => {
-                Err(Problem::unsupported(format!("{}: an array of {name}", self.what)))
-            }
+            ArrayKind::Other(name) => Err(Problem::unsupported(format!(
+                "{}: an array of {name}",
+                self.what
+            ))),
         }
     }
 
@@ -333,7 +330,10 @@ impl Array {
             String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
         };
         let ArrayKind::Text(len) = self.kind else {
-            if !matches!(self.dataset.dtype(), Datatype::VarLen { .. } | Datatype::String { .. }) {
+            if !matches!(
+                self.dataset.dtype(),
+                Datatype::VarLen { .. } | Datatype::String { .. }
+            ) {
                 return Err(Problem::malformed(
                     &self.what,
                     "text",

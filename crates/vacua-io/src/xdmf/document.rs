@@ -47,7 +47,11 @@ impl Document {
         let top = parse_markup(markup, false)?;
         let root = top.required_child("Xdmf")?;
         if let Some(version) = root.attribute("Version") {
-            let major = version.trim().split('.').next().and_then(|m| m.parse().ok());
+            let major = version
+                .trim()
+                .split('.')
+                .next()
+                .and_then(|m| m.parse().ok());
             if !matches!(major, Some(1..=3u32)) {
                 return Err(Problem::unsupported(format!("XDMF version `{version}`")));
             }
@@ -122,7 +126,11 @@ impl Document {
     pub fn child<'a>(&'a self, element: &'a Element, name: &str) -> Result<&'a Element, Problem> {
         let found = self.children(element, name)?.first().copied();
         found.ok_or_else(|| {
-            Problem::malformed(element.place(), format!("an element <{name}> in it"), "none")
+            Problem::malformed(
+                element.place(),
+                format!("an element <{name}> in it"),
+                "none",
+            )
         })
     }
 
@@ -154,7 +162,10 @@ impl Document {
     }
 
     fn included(&self, include: &Element) -> Result<Vec<&Element>, Problem> {
-        if include.attribute("href").is_some_and(|href| !href.is_empty()) {
+        if include
+            .attribute("href")
+            .is_some_and(|href| !href.is_empty())
+        {
             return Err(Problem::unsupported(format!(
                 "{}: the inclusion of another file",
                 include.place()
@@ -253,7 +264,8 @@ impl Step {
 
     fn parse(text: &str, is_deep: bool) -> Option<Self> {
         let (name, mut rest) = text.split_at(text.find('[').unwrap_or(text.len()));
-        let is_name = |n: &str| !n.is_empty() && n.chars().all(|c| c.is_alphanumeric() || "_:-".contains(c));
+        let is_name =
+            |n: &str| !n.is_empty() && n.chars().all(|c| c.is_alphanumeric() || "_:-".contains(c));
         let mut step = Self {
             names: match name.trim() {
                 "*" => Vec::new(),
@@ -272,9 +284,9 @@ impl Step {
             } else if let Some(equation) = inside.strip_prefix('@') {
                 let (key, value) = equation.split_once('=')?;
                 let value = value.trim();
-                let value = ['"', '\''].iter().find_map(|&quote| {
-                    value.strip_prefix(quote)?.strip_suffix(quote)
-                })?;
+                let value = ['"', '\'']
+                    .iter()
+                    .find_map(|&quote| value.strip_prefix(quote)?.strip_suffix(quote))?;
                 step.attribute = Some((key.trim().to_owned(), value.to_owned()));
             } else {
                 for choice in inside.split(" or ") {
@@ -304,7 +316,10 @@ impl Step {
             }
         }
         if let Some(position) = self.position {
-            let chosen = position.checked_sub(1).and_then(|p| found.get(before + p)).copied();
+            let chosen = position
+                .checked_sub(1)
+                .and_then(|p| found.get(before + p))
+                .copied();
             found.truncate(before);
             found.extend(chosen);
         }
@@ -335,7 +350,10 @@ mod tests {
         );
         let names = |path: &str| -> Vec<String> {
             let found = document.find(path).expect("a path");
-            found.iter().map(|e| e.attribute("Name").unwrap_or(&e.name).to_owned()).collect()
+            found
+                .iter()
+                .map(|e| e.attribute("Name").unwrap_or(&e.name).to_owned())
+                .collect()
         };
         assert_eq!(names("/Xdmf/Domain/Grid"), ["a", "b"]);
         assert_eq!(names("/Xdmf/Domain/Grid[2]"), ["b"]);
@@ -358,7 +376,10 @@ mod tests {
              <Attribute Reference='/Xdmf/None'/></Grid>\
              <Geometry Name='there'/><Topology Name='here'/>",
         );
-        let grid = document.domain().and_then(|d| d.required_child("Grid")).expect("there");
+        let grid = document
+            .domain()
+            .and_then(|d| d.required_child("Grid"))
+            .expect("there");
         for (kind, name) in [("Geometry", "there"), ("Topology", "here")] {
             let found = document.child(grid, kind).expect("there");
             assert_eq!(found.attribute("Name"), Some(name));

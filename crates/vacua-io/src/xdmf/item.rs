@@ -127,11 +127,13 @@ impl Item {
             )));
         }
         let parts = reference.rsplit_once(':');
-        let (file, name) = parts.filter(|(f, n)| !f.is_empty() && !n.is_empty()).ok_or_else(|| {
-            Problem::malformed(&self.what, "a file and an array as in `file.h5:/array`", {
-                format!("`{}`", reference.chars().take(80).collect::<String>())
-            })
-        })?;
+        let (file, name) = parts
+            .filter(|(f, n)| !f.is_empty() && !n.is_empty())
+            .ok_or_else(|| {
+                Problem::malformed(&self.what, "a file and an array as in `file.h5:/array`", {
+                    format!("`{}`", reference.chars().take(80).collect::<String>())
+                })
+            })?;
         let path = self.document.path_of(file.trim())?;
         let container = self.document.container(&path)?;
         let open = || -> Result<(Array, ScalarType), Problem> {
@@ -216,10 +218,16 @@ impl Item {
         let rank = inner.lens.len();
         let is_count = |n: &f64| n.fract() == 0.0 && (0.0..9e15).contains(n);
         if selection.len() != 3 * rank || !selection.iter().all(is_count) {
-            return Err(wrong(format!("{} numbers, {rank} dimensions", selection.len())));
+            return Err(wrong(format!(
+                "{} numbers, {rank} dimensions",
+                selection.len()
+            )));
         }
         let row = |i: usize| -> Vec<usize> {
-            selection[i * rank..][..rank].iter().map(|&n| n as usize).collect()
+            selection[i * rank..][..rank]
+                .iter()
+                .map(|&n| n as usize)
+                .collect()
         };
         let slab = Slab {
             start: row(0),
@@ -426,7 +434,11 @@ pub(super) fn lens(element: &Element, key: &str) -> Result<Option<Vec<usize>>, P
 fn product(lens: &[usize], what: &str) -> Result<usize, Problem> {
     let product = lens.iter().try_fold(1usize, |n, &len| n.checked_mul(len));
     product.ok_or_else(|| {
-        Problem::malformed(what, "dimensions that fit the address space", format!("{lens:?}"))
+        Problem::malformed(
+            what,
+            "dimensions that fit the address space",
+            format!("{lens:?}"),
+        )
     })
 }
 

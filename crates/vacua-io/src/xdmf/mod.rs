@@ -161,7 +161,9 @@ fn assemble(
         let element = document.child(grid, "Topology")?;
         match Topology::parse(element)? {
             Topology::Cells(cells) => {
-                parts.push(unstructured::read(document, grid, element, &cells, &mut notes)?);
+                parts.push(unstructured::read(
+                    document, grid, element, &cells, &mut notes,
+                )?);
             }
             Topology::Structured(kind) if leaves.len() == 1 => {
                 return structured::read(document, grid, element, kind, notes);

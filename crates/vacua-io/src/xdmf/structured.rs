@@ -32,9 +32,7 @@ pub(super) fn read(
     let geometry = document.child(grid, "Geometry")?;
     let geometry = match kind {
         Structured::Uniform => Geometry::Uniform(uniform(document, geometry, points)?),
-        Structured::Rectilinear => {
-            Geometry::Rectilinear(rectilinear(document, geometry, points)?)
-        }
+        Structured::Rectilinear => Geometry::Rectilinear(rectilinear(document, geometry, points)?),
         Structured::Curvilinear => {
             let positions = positions(document, geometry)?;
             Geometry::Curvilinear(CurvilinearGrid::new(points, positions)?)
@@ -99,7 +97,10 @@ fn items(
     let kind = word(geometry, &["GeometryType", "Type"], "XYZ");
     if kind != form {
         return Err(Problem::unsupported_but(
-            format!("{}: the geometry `{kind}` for this topology", geometry.place()),
+            format!(
+                "{}: the geometry `{kind}` for this topology",
+                geometry.place()
+            ),
             format!("`{form}` is what fits it"),
         ));
     }
@@ -131,7 +132,11 @@ fn uniform(
             )),
         }
     };
-    Ok(UniformGrid::new(points, three(&items[0])?, three(&items[1])?)?)
+    Ok(UniformGrid::new(
+        points,
+        three(&items[0])?,
+        three(&items[1])?,
+    )?)
 }
 
 fn rectilinear(

@@ -55,7 +55,12 @@ const KINDS: [(&str, u64, u8, usize); 20] = [
     ("WEDGE_15", 40, vtk::QUADRATIC_WEDGE, 15),
     ("WEDGE_18", 41, vtk::BIQUADRATIC_QUADRATIC_WEDGE, 18),
     ("HEXAHEDRON_20", 48, vtk::QUADRATIC_HEXAHEDRON, 20),
-    ("HEXAHEDRON_24", 49, vtk::BIQUADRATIC_QUADRATIC_HEXAHEDRON, 24),
+    (
+        "HEXAHEDRON_24",
+        49,
+        vtk::BIQUADRATIC_QUADRATIC_HEXAHEDRON,
+        24,
+    ),
     ("HEXAHEDRON_27", 50, vtk::TRIQUADRATIC_HEXAHEDRON, 27),
 ];
 
@@ -66,6 +71,15 @@ pub(super) const POLYHEDRON: u64 = 16;
 pub(super) fn mixed_kind(number: u64) -> Option<(u8, usize)> {
     let kind = KINDS.iter().find(|kind| kind.1 == number)?;
     Some((kind.2, kind.3))
+}
+
+/// What a cell of a kind is called that has so many points.
+pub(super) fn of_points(kind: u8, points: usize) -> u8 {
+    match (kind, points) {
+        (vtk::POLY_VERTEX, 1) => vtk::VERTEX,
+        (vtk::POLY_LINE, 2) => vtk::LINE,
+        _ => kind,
+    }
 }
 
 impl Topology {
@@ -90,7 +104,10 @@ impl Topology {
                     "elements without any",
                 ));
             }
-            return Ok(Self::Cells(Cells::Uniform(number, points)));
+            return Ok(Self::Cells(Cells::Uniform(
+                of_points(number, points),
+                points,
+            )));
         }
         Ok(match name.as_str() {
             "MIXED" => Self::Cells(Cells::Mixed),

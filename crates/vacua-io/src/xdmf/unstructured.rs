@@ -10,7 +10,7 @@ use vacua_volume::{DataArray, ScalarType};
 use super::attributes;
 use super::document::Document;
 use super::item::{Item, lens};
-use super::topology::{Cells, POLYHEDRON, mixed_kind};
+use super::topology::{Cells, POLYHEDRON, mixed_kind, of_points};
 use super::word;
 use crate::error::Problem;
 use crate::mesh::kind::{Treatment, kind, vtk};
@@ -59,9 +59,11 @@ pub(super) fn read(
     }
     let num_cells = listed.types.len();
     let faces = |cell: usize, _: &[u64]| {
-        listed.faces.get(&cell).cloned().ok_or_else(|| {
-            Problem::malformed(format!("polyhedron {cell}"), "faces", "none")
-        })
+        listed
+            .faces
+            .get(&cell)
+            .cloned()
+            .ok_or_else(|| Problem::malformed(format!("polyhedron {cell}"), "faces", "none"))
     };
     let cells = assemble(
         &SourceCells {
@@ -115,7 +117,11 @@ fn based(numbers: DataArray, topology: &Element) -> Result<DataArray, Problem> {
         return Ok(numbers);
     }
     let from_zero: Option<Vec<i64>> = (0..numbers.tuples())
-        .map(|i| i64::try_from(index_at(&numbers, i)?).ok()?.checked_sub(base))
+        .map(|i| {
+            i64::try_from(index_at(&numbers, i)?)
+                .ok()?
+                .checked_sub(base)
+        })
         .collect();
     let from_zero = from_zero.ok_or_else(|| {
         Problem::malformed(topology.place(), format!("nodes from {base} on"), "others")
@@ -194,7 +200,7 @@ impl Listed {
                 for _ in 0..width {
                     connectivity.push(stream.node()?);
                 }
-                types.push(kind);
+                types.push(of_points(kind, usize::try_from(width).unwrap_or(0)));
             }
             ends.push(connectivity.len() as u64);
         }
@@ -234,7 +240,11 @@ impl Stream<'_> {
             } else {
                 "a negative number"
             };
-            Problem::malformed(format!("{}: number {}", self.what, self.at), expected, found)
+            Problem::malformed(
+                format!("{}: number {}", self.what, self.at),
+                expected,
+                found,
+            )
         })?;
         self.at += 1;
         Ok(number as u64)
@@ -257,7 +267,10 @@ impl Stream<'_> {
 ///
 /// # Errors
 /// [`Problem`] if the geometry is of another form.
-pub(super) fn positions(document: &Arc<Document>, geometry: &Element) -> Result<DataArray, Problem> {
+pub(super) fn positions(
+    document: &Arc<Document>,
+    geometry: &Element,
+) -> Result<DataArray, Problem> {
     let kind = word(geometry, &["GeometryType", "Type"], "XYZ");
     let items = document.children(geometry, "DataItem")?;
     let parse = |element: &&Element| Item::parse(document, element, None);
@@ -288,7 +301,9 @@ pub(super) fn positions(document: &Arc<Document>, geometry: &Element) -> Result<
                 return Err(wrong("as many numbers for each axis"));
             }
             let all: Vec<DataArray> = all.iter().map(|i| i.load(1)).collect::<Result<_, _>>()?;
-            columns(count, |point, axis| all.get(axis).map_or(0.0, |a| a.get_f64(point, 0)))
+            columns(count, |point, axis| {
+                all.get(axis).map_or(0.0, |a| a.get_f64(point, 0))
+            })
         }
         ("X_Y_Z" | "X_Y", _) => Err(wrong("one item for each axis")),
         _ => Err(Problem::unsupported(format!(

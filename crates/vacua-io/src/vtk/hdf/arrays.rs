@@ -52,7 +52,9 @@ impl StepArrays {
                 let array = file.need(&format!("{data_set}/{group}/{name}"))?;
                 let offset = steps.of(&format!("{group}Offsets/{name}"), step)?;
                 if !matches!(array.kind(), ArrayKind::Numbers(_)) {
-                    notes.push(format!("{association} array `{name}` has no numbers: left out"));
+                    notes.push(format!(
+                        "{association} array `{name}` has no numbers: left out"
+                    ));
                     continue;
                 }
                 let found = StepArray {

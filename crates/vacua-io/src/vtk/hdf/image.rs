@@ -4,9 +4,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
-use vacua_volume::{
-    Association, DataArray, Dataset, Field, Geometry, LoadError, UniformGrid,
-};
+use vacua_volume::{Association, DataArray, Dataset, Field, Geometry, LoadError, UniformGrid};
 
 use super::arrays::{StepArray, StepArrays};
 use super::steps::Steps;
@@ -91,7 +89,10 @@ fn extent(file: &Container, data_set: &str) -> Result<Extent, Problem> {
     let numbers: [f64; 6] =
         attribute(file, data_set, "WholeExtent")?.ok_or_else(|| wrong("none".to_owned()))?;
     let limits = f64::from(i32::MIN)..=f64::from(i32::MAX);
-    if !numbers.iter().all(|n| limits.contains(n) && n.fract() == 0.0) {
+    if !numbers
+        .iter()
+        .all(|n| limits.contains(n) && n.fract() == 0.0)
+    {
         return Err(wrong(format!("{numbers:?}")));
     }
     let [x0, x1, y0, y1, z0, z1] = numbers.map(|n| n as i64);
@@ -108,8 +109,8 @@ fn world_from_index(
 ) -> Result<DAffine3, Problem> {
     let origin = attribute::<3>(file, data_set, "Origin")?.unwrap_or([0.0; 3]);
     let spacing = attribute::<3>(file, data_set, "Spacing")?.unwrap_or([1.0; 3]);
-    let rows = attribute::<9>(file, data_set, "Direction")?
-        .unwrap_or(DMat3::IDENTITY.to_cols_array());
+    let rows =
+        attribute::<9>(file, data_set, "Direction")?.unwrap_or(DMat3::IDENTITY.to_cols_array());
     let axes = DMat3::from_cols_array(&rows).transpose()
         * DMat3::from_diagonal(DVec3::from_array(spacing));
     let mut affine = DAffine3::from_mat3_translation(axes, DVec3::from_array(origin));
@@ -145,17 +146,19 @@ impl Placed {
             [z, y, x, rest @ ..] if [*z, *y, *x] == [nz, ny, nx] => Some(rest.iter().product()),
             _ => None,
         };
-        let components = components.filter(|&c| c > 0 && step < steps).ok_or_else(|| {
-            let kind = match array.association {
-                Association::Point => "points",
-                Association::Cell => "cells",
-            };
-            Problem::malformed(
-                array.array.what(),
-                format!("a box of {nz} × {ny} × {nx} {kind} for step {step}"),
-                format!("{:?}", array.array.lens()),
-            )
-        })?;
+        let components = components
+            .filter(|&c| c > 0 && step < steps)
+            .ok_or_else(|| {
+                let kind = match array.association {
+                    Association::Point => "points",
+                    Association::Cell => "cells",
+                };
+                Problem::malformed(
+                    array.array.what(),
+                    format!("a box of {nz} × {ny} × {nx} {kind} for step {step}"),
+                    format!("{:?}", array.array.lens()),
+                )
+            })?;
         Ok(Self {
             first: step.saturating_mul(tuples).saturating_mul(components),
             components,

@@ -66,11 +66,7 @@ pub(crate) fn read(file: &Container, options: &ReadOptions) -> Result<Dataset, P
 
 fn refused(type_name: &str) -> Problem {
     if type_name.is_empty() {
-        return Problem::malformed(
-            format!("group `{ROOT}`"),
-            "an attribute `Type`",
-            "none",
-        );
+        return Problem::malformed(format!("group `{ROOT}`"), "an attribute `Type`", "none");
     }
     Problem::unsupported_but(
         format!("the VTKHDF type `{type_name}`"),

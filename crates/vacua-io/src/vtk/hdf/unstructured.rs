@@ -114,7 +114,11 @@ fn sizes(
         None => {
             // As many for every step, unless there are fewer than steps: then they never change.
             let (rows, steps) = (points.rows(), steps.times.len().max(1));
-            if rows.is_multiple_of(steps) { rows / steps } else { rows }
+            if rows.is_multiple_of(steps) {
+                rows / steps
+            } else {
+                rows
+            }
         }
     };
     if count > MAX_PARTS {

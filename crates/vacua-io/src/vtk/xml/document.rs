@@ -210,9 +210,7 @@ impl XmlFile {
         })?;
         let root = parse_markup(markup, markup_end.is_some())?
             .take_child("VTKFile")
-            .ok_or_else(|| {
-                Problem::malformed("the root element", "<VTKFile>", "something else")
-            })?;
+            .ok_or_else(|| Problem::malformed("the root element", "<VTKFile>", "something else"))?;
         let appended = markup_end.map(|at| find_appended(bytes, at)).transpose()?;
         let big_endian = match root.attribute("byte_order") {
             None | Some("LittleEndian") => false,
