@@ -22,7 +22,7 @@ const fn target(name: &'static str, file: &'static str) -> Target {
 
 /// All targets. Formats that need a second file (`.nhdr`, `.mhd`, `.pvt*`) share the parsers of
 /// those that do not.
-pub const TARGETS: [Target; 14] = [
+pub const TARGETS: [Target; 16] = [
     target("vti", "fuzz.vti"),
     target("vtr", "fuzz.vtr"),
     target("vts", "fuzz.vts"),
@@ -30,6 +30,8 @@ pub const TARGETS: [Target; 14] = [
     target("vtu", "fuzz.vtu"),
     target("vtk_mesh", "fuzz.vtk"),
     target("exodus", "fuzz.ex2"),
+    target("vtkhdf", "fuzz.vtkhdf"),
+    target("xdmf", "fuzz.xdmf"),
     target("vmesh", "fuzz.vmesh"),
     target("nrrd", "fuzz.nrrd"),
     target("mha", "fuzz.mha"),

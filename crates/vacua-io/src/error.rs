@@ -69,6 +69,15 @@ pub enum Problem {
     /// A file that this one refers to cannot be read.
     #[error("a file that it refers to: {0}")]
     Part(#[source] Box<IoError>),
+    /// A library that unpacks the file's container gave up.
+    #[error("{place}: {source}")]
+    Container {
+        /// Where: a group, an array.
+        place: String,
+        /// What the library says.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// The numbers make no grid.
     #[error(transparent)]
     Grid(#[from] GridError),

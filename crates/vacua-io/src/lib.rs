@@ -11,6 +11,7 @@ mod decode;
 mod error;
 mod exodus;
 mod files;
+mod hdf5;
 mod mesh;
 mod mesh_dump;
 mod metaimage;
@@ -26,6 +27,7 @@ mod save;
 mod source;
 pub mod transfer_json;
 pub mod vtk;
+mod xdmf;
 
 pub use atomic::write_atomically;
 pub use error::{IoError, Problem};

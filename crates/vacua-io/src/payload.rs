@@ -245,7 +245,7 @@ impl Payload {
     ///
     /// # Errors
     /// As [`Payload::into_field`].
-    fn fetch(&self) -> Result<DataArray, Problem> {
+    pub(crate) fn fetch(&self) -> Result<DataArray, Problem> {
         self.check()?;
         let array = if self.encoding == Encoding::Raw && self.num_parts() == 1 {
             let (source, start) = self.open_part(0)?;

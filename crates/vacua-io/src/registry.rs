@@ -47,6 +47,8 @@ pub fn formats() -> &'static [Format] {
         vtk::xml::FORMAT,
         vtk::legacy::FORMAT,
         crate::exodus::FORMAT,
+        crate::hdf5::FORMAT,
+        crate::xdmf::FORMAT,
         crate::mesh_dump::FORMAT,
         crate::nrrd::FORMAT,
         crate::metaimage::FORMAT,

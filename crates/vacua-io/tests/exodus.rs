@@ -19,7 +19,12 @@ fn open(name: &str, step: usize) -> Dataset {
     vacua_io::open_with(folder().join(name), &options).unwrap_or_else(|e| panic!("{e}"))
 }
 
-const FILES: [&str; 3] = ["mesh/blocks.ex2", "mesh/blocks.exo", "mesh/blocks.e"];
+const FILES: [&str; 4] = [
+    "mesh/blocks.ex2",
+    "mesh/blocks.exo",
+    "mesh/blocks.e",
+    "hdf/blocks.g",
+];
 
 #[test]
 fn blocks_steps_and_vectors() {
@@ -86,7 +91,12 @@ fn blocks_steps_and_vectors() {
 /// Numbers as VTK 9.7 prints them; the surface cells are the faces of the side sets.
 #[test]
 fn a_real_file() {
-    let dataset = open("disk_out_ref.ex2", 0);
+    for name in ["disk_out_ref.ex2", "hdf/disk_out_ref.e"] {
+        check_real_file(&open(name, 0));
+    }
+}
+
+fn check_real_file(dataset: &Dataset) {
     let mesh = dataset.mesh().expect("a mesh");
     assert_eq!(mesh.num_points(), 8499);
     assert_eq!(mesh.num_cells_by_type(), [0, 0, 0, 7472]);
@@ -133,4 +143,17 @@ fn other_netcdf_is_refused_by_name() {
     let source = Source::from_bytes(Path::new("weather.nc"), bytes);
     let error = vacua_io::open_source(&source, &ReadOptions::default()).expect_err("no mesh");
     assert!(error.to_string().contains("num_nodes"), "{error}");
+}
+
+/// A classic header that promises elements of no nodes, and so no bytes for any number of them.
+#[test]
+fn elements_without_nodes_are_refused() {
+    let mut bytes = std::fs::read(folder().join("mesh/blocks.ex2")).expect("committed");
+    let name = b"num_nod_per_el1";
+    let at = bytes.windows(name.len()).position(|w| w == name);
+    let at = at.expect("a dimension of that name") + name.len() + 1;
+    bytes[at..at + 4].copy_from_slice(&0u32.to_be_bytes());
+    let source = Source::from_bytes(Path::new("blocks.ex2"), bytes);
+    let error = vacua_io::open_source(&source, &ReadOptions::default()).expect_err("no nodes");
+    assert!(error.to_string().contains("connect1"), "{error}");
 }

@@ -1,12 +1,15 @@
 //! Meshes that VTK wrote (`tests/data/make_mesh_files.py`) read as VTK itself reads them: points,
 //! cells with their points, values; and cells of every other kind fill what they fill.
 
+mod contents;
+
 use std::panic::AssertUnwindSafe;
 use std::path::{Path, PathBuf};
 
+use contents::{check, expected_contents};
 use glam::DVec3;
 use vacua_io::Dataset;
-use vacua_volume::{Association, Scalar, UnstructuredMesh, dispatch_scalar};
+use vacua_volume::UnstructuredMesh;
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mesh")
@@ -20,112 +23,10 @@ fn mesh(dataset: &Dataset) -> &UnstructuredMesh {
     dataset.mesh().expect("a mesh")
 }
 
-/// What VTK found in some files.
-#[derive(Default)]
-struct Contents {
-    positions: Vec<f64>,
-    cells: Vec<(String, Vec<u64>)>,
-    left_out: Vec<String>,
-    /// Association, type, components, name, values.
-    fields: Vec<(String, String, usize, String, Vec<String>)>,
-    files: Vec<String>,
-}
-
-fn expected_contents() -> Vec<Contents> {
-    let text = std::fs::read_to_string(folder().join("expected.txt")).expect("committed");
-    let mut all: Vec<Contents> = Vec::new();
-    for line in text.lines() {
-        let (key, rest) = line.split_once(' ').unwrap_or((line, ""));
-        let mut words = rest.split_whitespace();
-        if key == "contents" {
-            all.push(Contents::default());
-            continue;
-        }
-        let contents = all.last_mut().expect("`contents` comes first");
-        match key {
-            "positions" => contents.positions = words.map(|w| w.parse().unwrap()).collect(),
-            "cell" => {
-                let name = words.next().expect("a type").to_owned();
-                let points = words.map(|w| w.parse().unwrap()).collect();
-                contents.cells.push((name, points));
-            }
-            "left_out" => contents.left_out.push(rest.to_owned()),
-            "field" => {
-                let mut part = || words.next().expect("four parts").to_owned();
-                let (association, scalar_type, components) = (part(), part(), part());
-                let components = components.parse().expect("a number");
-                let field = (association, scalar_type, components, part(), Vec::new());
-                contents.fields.push(field);
-            }
-            "values" => {
-                let field = contents.fields.last_mut().expect("`field` comes first");
-                field.4 = words.map(str::to_owned).collect();
-            }
-            "file" => contents.files.push(rest.to_owned()),
-            other => panic!("unknown key {other}"),
-        }
-    }
-    all
-}
-
-fn check(name: &str, dataset: &Dataset, expected: &Contents) {
-    let mesh = mesh(dataset);
-    assert_eq!(dataset.geometry().kind(), "unstructured");
-    assert_eq!(mesh.num_points(), expected.positions.len() / 3, "{name}");
-    for (point, xyz) in expected.positions.chunks_exact(3).enumerate() {
-        assert_eq!(
-            mesh.position(point),
-            DVec3::from_slice(xyz),
-            "{name}: point {point}"
-        );
-    }
-    assert_eq!(mesh.num_cells(), expected.cells.len(), "{name}");
-    for (number, (cell_type, points)) in expected.cells.iter().enumerate() {
-        let cell = mesh.cell(number);
-        assert_eq!(cell.cell_type.name(), cell_type, "{name}: cell {number}");
-        assert_eq!(cell.points(), points, "{name}: cell {number}");
-    }
-    let mut left_out: Vec<String> = Vec::new();
-    for kind in mesh.left_out() {
-        left_out.extend(std::iter::repeat_n(kind.name.to_owned(), kind.count));
-    }
-    let mut expected_left_out = expected.left_out.clone();
-    left_out.sort();
-    expected_left_out.sort();
-    assert_eq!(left_out, expected_left_out, "{name}");
-    assert_eq!(dataset.fields().len(), expected.fields.len(), "{name}");
-    for (association, scalar_type, components, field_name, values) in &expected.fields {
-        let association = match association.as_str() {
-            "point" => Association::Point,
-            _ => Association::Cell,
-        };
-        let field = dataset
-            .fields()
-            .iter()
-            .find(|f| f.name() == field_name && f.association() == association)
-            .unwrap_or_else(|| panic!("{name}: no `{field_name}`"));
-        let array = field.load().unwrap_or_else(|e| panic!("{name}: {e:?}"));
-        assert_eq!(array.components(), *components, "{name}: {field_name}");
-        assert_eq!(
-            array.scalar_type().name(),
-            scalar_type,
-            "{name}: {field_name}"
-        );
-        dispatch_scalar!(array.scalar_type(), T => {
-            let actual = array.as_slice::<T>().expect("of its own type");
-            assert_eq!(actual.len(), values.len(), "{name}: {field_name}");
-            for (i, (actual, expected)) in actual.iter().zip(values).enumerate() {
-                let expected: f64 = expected.parse().expect("a number");
-                assert_eq!(actual.to_f64(), expected, "{name}: {field_name}[{i}]");
-            }
-        });
-    }
-}
-
 #[test]
 fn every_file_reads_as_vtk_reads_it() {
     let mut num_files = 0;
-    for expected in expected_contents() {
+    for expected in expected_contents(&folder()) {
         for name in &expected.files {
             check(name, &open(name), &expected);
             num_files += 1;
@@ -136,7 +37,7 @@ fn every_file_reads_as_vtk_reads_it() {
 
 #[test]
 fn a_wrong_expectation_fails() {
-    let mut expected = expected_contents().swap_remove(0);
+    let mut expected = expected_contents(&folder()).swap_remove(0);
     let name = expected.files[0].clone();
     let dataset = open(&name);
     check(&name, &dataset, &expected);

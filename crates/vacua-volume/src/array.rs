@@ -166,6 +166,20 @@ impl DataArray {
         })
     }
 
+    /// The same numbers in tuples of another length; nothing is copied.
+    ///
+    /// # Errors
+    /// [`ArrayError::Ragged`] if they do not divide into such tuples.
+    pub fn with_components(mut self, components: usize) -> Result<Self, ArrayError> {
+        let len = self.tuples * self.components;
+        if components == 0 || !len.is_multiple_of(components) {
+            return Err(ArrayError::Ragged { len, components });
+        }
+        self.components = components;
+        self.tuples = len / components;
+        Ok(self)
+    }
+
     /// Type of a number.
     pub fn scalar_type(&self) -> ScalarType {
         self.scalar_type

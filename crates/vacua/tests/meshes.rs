@@ -358,3 +358,51 @@ fn meshes_are_rendered_encoded_or_not() {
         "{message}"
     );
 }
+
+/// VTKHDF, XDMF and Exodus II in HDF5, with time steps, through everything that reads.
+#[test]
+fn hdf5_and_xdmf_work_as_other_files_do() {
+    let folder = folder();
+    let in_folder = |name: &str| text(&folder.path().join(name));
+    for (file, field, time, cells) in [
+        ("hdf/steps.vtkhdf", "wave", "1.5", 16),
+        ("xdmf/meshio_series.xdmf", "wave", "1.5", 48),
+        ("hdf/blocks.g", "Temp", "2.0", 3),
+    ] {
+        let path = data(file);
+        let info = as_json(&["info", &path, "--time", time, "--json"]);
+        assert_eq!(info["kind"], "unstructured", "{file}");
+        assert_eq!(
+            (&info["time_steps"], &info["time_step"]),
+            (&json!(3), &json!(2)),
+            "{file}"
+        );
+        let points = in_folder("points.csv");
+        std::fs::write(&points, "0.5,0.5,0.5\n9,9,9\n").expect("writable");
+        let sample = |path: &str, time: &[&str]| {
+            let arguments = ["sample", path, "--field", field, "--points", &points];
+            let output = succeed(&[&arguments, time].concat());
+            String::from_utf8(output.stdout).expect("text")
+        };
+        let values = sample(&path, &["--time", time]);
+        assert!(values.contains("0.5,0.5,0.5,1,"), "{file}: {values}");
+        assert!(values.contains("9,9,9,0,\n"), "{file}: {values}");
+        let copy = in_folder("copy.vtu");
+        succeed(&["convert", &path, &copy, "--time", time]);
+        assert_eq!(sample(&copy, &[]), values, "{file}");
+        let again = as_json(&["info", &copy, "--json"]);
+        assert_eq!(again["bounds"], info["bounds"], "{file}");
+        let counts = again["cells"].as_object().expect("counts");
+        let sum: u64 = counts.values().filter_map(Value::as_u64).sum();
+        assert_eq!(sum, cells, "{file}");
+        let picture = in_folder("picture.png");
+        succeed(&[
+            "render", &path, "--field", field, "--size", "24x24", "--device", "cpu", "-o", &picture,
+        ]);
+        let pixels = image::open(&picture).expect("a picture").to_rgba8();
+        assert!(pixels.pixels().any(|p| p.0[3] > 0), "{file}");
+    }
+    let info = as_json(&["info", &data("hdf/image.vtkhdf"), "--json"]);
+    assert_eq!(info["kind"], "uniform");
+    assert_eq!(info["dimensions"], json!([5, 4, 4]));
+}

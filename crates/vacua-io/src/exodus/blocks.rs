@@ -191,6 +191,13 @@ impl Reader<'_> {
         let Some(width) = width else {
             return self.read_ragged(block, kind, num_cells);
         };
+        if width == 0 {
+            return Err(Problem::malformed(
+                format!("variable `{name}`"),
+                "nodes",
+                "elements without any",
+            ));
+        }
         if shape.lens[0] != num_cells {
             return Err(Problem::malformed(
                 format!("variable `{name}`"),

@@ -1,4 +1,5 @@
-//! Exodus II: meshes of several blocks with time steps, in NetCDF classic files.
+//! Exodus II: meshes of several blocks with time steps, in NetCDF classic files and (through
+//! [`crate::hdf5`]) in NetCDF-4 files.
 //!
 //! Source: *EXODUS: A Finite Element Data Model*, Sandia National Laboratories, SAND2019-1723; names
 //! of variables as in its appendix A. Displacements are fields like others and are not applied. Three
@@ -79,6 +80,9 @@ impl Variables for Classic {
 }
 
 fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
+    if crate::hdf5::is_hdf5(source.bytes()) {
+        return crate::hdf5::read(source, options);
+    }
     let file = Classic::parse(source)?;
     if file.dimension("num_nodes").is_none() {
         return Err(Problem::unsupported_but(

@@ -81,6 +81,8 @@ pub(crate) mod vtk {
     pub const TRIQUADRATIC_HEXAHEDRON: u8 = 29;
     /// A curved wedge of eighteen points.
     pub const BIQUADRATIC_QUADRATIC_WEDGE: u8 = 32;
+    /// A curved hexahedron of 24 points.
+    pub const BIQUADRATIC_QUADRATIC_HEXAHEDRON: u8 = 33;
     /// A tetrahedron of any order.
     pub const LAGRANGE_TETRAHEDRON: u8 = 71;
     /// A hexahedron of any order.

@@ -11,7 +11,9 @@
 pub(crate) mod assemble;
 mod decompose;
 pub(crate) mod kind;
+mod listed;
 pub(crate) mod parts;
 
 pub(crate) use assemble::{Ends, Faces, SourceCells, assemble, faces_of_stream, index_at, widened};
-pub(crate) use parts::{Part, PartField, join};
+pub(crate) use listed::{ListedFaces, cell_types, numbers_of};
+pub(crate) use parts::{Part, PartField, join, join_full};

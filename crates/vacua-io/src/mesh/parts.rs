@@ -93,6 +93,18 @@ pub(crate) fn join(parts: Vec<Part>, mut notes: Vec<String>) -> Result<Dataset, 
     Ok(notes.into_iter().fold(dataset, Dataset::with_note))
 }
 
+/// Joins pieces; empty ones, which often lack arrays, count only if there are no others.
+///
+/// # Errors
+/// As [`join`].
+pub(crate) fn join_full(mut parts: Vec<Part>, notes: Vec<String>) -> Result<Dataset, Problem> {
+    let is_full = |part: &Part| part.positions.tuples() > 0 || part.cells.num_source_cells > 0;
+    if parts.iter().any(is_full) {
+        parts.retain(is_full);
+    }
+    join(parts, notes)
+}
+
 /// Number of points in pieces before each one, and in all.
 fn mesh_of(mut parts: Vec<Part>) -> Result<UnstructuredMesh, Problem> {
     if parts.len() == 1

@@ -1,14 +1,15 @@
 //! The file formats of the Visualization Toolkit (VTK): XML (`.vti .vtr .vts .vtu` and their
-//! parallel `.pvti .pvtr .pvts .pvtu`) and legacy (`.vtk`).
+//! parallel `.pvti .pvtr .pvts .pvtu`), legacy (`.vtk`) and VTKHDF (`.vtkhdf`).
 //!
 //! Sources: *VTK File Formats*, docs.vtk.org; where that page is silent, what VTK 9.7 writes and
-//! reads. What is common to both families lives here: extents, number text (`ascii`), byte order
+//! reads. What is common to these families lives here: extents, number text (`ascii`), byte order
 //! (`bytes`) and ghost flags (`ghost`).
 
 mod ascii;
 mod bytes;
 mod extent;
 mod ghost;
+pub(crate) mod hdf;
 pub(crate) mod legacy;
 mod write;
 pub(crate) mod xml;

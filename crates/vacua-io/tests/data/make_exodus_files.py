@@ -2,8 +2,8 @@
 """A small Exodus II file of three blocks and three time steps in the containers that NetCDF has.
 
 Run with netCDF4 and NumPy in this folder:  python3 make_exodus_files.py
-Writes mesh/blocks.ex2 (CDF-1), mesh/blocks.exo (CDF-2), mesh/blocks.e (CDF-5) and mesh/blocks.g
-(HDF5). Values are closed forms of positions, cells and time, which the tests repeat; that VTK reads
+Writes mesh/blocks.ex2 (CDF-1), mesh/blocks.exo (CDF-2), mesh/blocks.e (CDF-5), hdf/blocks.g (HDF5),
+and hdf/disk_out_ref.e: disk_out_ref.ex2 as NetCDF's own library writes it in HDF5. Values are closed forms of positions, cells and time, which the tests repeat; that VTK reads
 the same is checked here if it is installed.
 """
 import os
@@ -100,8 +100,28 @@ def check(path):
     assert vtk_to_numpy(block.GetCellData().GetArray("stress")).tolist() == [110.5, 111.5]
 
 
+def convert(name, to):
+    """A copy of a file in HDF5, its larger variables compressed."""
+    here = os.path.dirname(OUT)
+    source = netCDF4.Dataset(os.path.join(here, name))
+    copy = netCDF4.Dataset(os.path.join(here, to), "w", format="NETCDF4")
+    copy.setncatts({key: source.getncattr(key) for key in source.ncattrs()})
+    for key, dimension in source.dimensions.items():
+        copy.createDimension(key, None if dimension.isunlimited() else len(dimension))
+    for key, variable in source.variables.items():
+        large = variable.size > 200
+        made = copy.createVariable(key, variable.dtype, variable.dimensions, zlib=large, shuffle=large,
+                                   complevel=9)
+        made.setncatts({a: variable.getncattr(a) for a in variable.ncattrs() if a != "_FillValue"})
+        for either in (variable, made):
+            either.set_auto_mask(False)
+        made[:] = variable[:]
+    copy.close()
+
+
 if __name__ == "__main__":
     for name, container in [("blocks.ex2", "NETCDF3_CLASSIC"), ("blocks.exo", "NETCDF3_64BIT_OFFSET"),
                             ("blocks.e", "NETCDF3_64BIT_DATA")]:
         check(write(name, container))
-    check(write("blocks.g", "NETCDF4", compress=True))
+    check(write("../hdf/blocks.g", "NETCDF4", compress=True))
+    convert("disk_out_ref.ex2", "hdf/disk_out_ref.e")

@@ -116,6 +116,11 @@ impl Element {
         self.children.iter().find(|c| c.name == name)
     }
 
+    /// The first child of that name, without the rest.
+    pub fn take_child(self, name: &str) -> Option<Element> {
+        self.children.into_iter().find(|c| c.name == name)
+    }
+
     /// The first child of that name, which must be there.
     ///
     /// # Errors
@@ -203,7 +208,9 @@ impl XmlFile {
                 "other bytes",
             )
         })?;
-        let root = parse_markup(markup, markup_end.is_some())?;
+        let root = parse_markup(markup, markup_end.is_some())?
+            .take_child("VTKFile")
+            .ok_or_else(|| Problem::malformed("the root element", "<VTKFile>", "something else"))?;
         let appended = markup_end.map(|at| find_appended(bytes, at)).transpose()?;
         let big_endian = match root.attribute("byte_order") {
             None | Some("LittleEndian") => false,
@@ -259,8 +266,12 @@ impl XmlFile {
     }
 }
 
-/// Reads elements until the end of the markup; `is_cut` allows some to be open there.
-fn parse_markup(markup: &str, is_cut: bool) -> Result<Element, Problem> {
+/// Reads elements until the end of the markup, as the children of one without a name; `is_cut` allows
+/// one to be open there.
+///
+/// # Errors
+/// [`Problem`] for broken XML, or more of it than any file has.
+pub(crate) fn parse_markup(markup: &str, is_cut: bool) -> Result<Element, Problem> {
     let mut reader = Reader::from_str(markup);
     let mut open: Vec<Element> = vec![Element::default()];
     let mut num_elements = 0usize;
@@ -310,9 +321,7 @@ fn parse_markup(markup: &str, is_cut: bool) -> Result<Element, Problem> {
             close(&mut open, done);
         }
     }
-    open.pop()
-        .and_then(|top| top.children.into_iter().find(|c| c.name == "VTKFile"))
-        .ok_or_else(|| Problem::malformed("the root element", "<VTKFile>", "something else"))
+    Ok(open.pop().unwrap_or_default())
 }
 
 /// Puts a finished element into the one around it.

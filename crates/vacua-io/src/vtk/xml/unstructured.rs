@@ -4,12 +4,11 @@
 //! then `face_connectivity`, `face_offsets`, `polyhedron_to_faces` and `polyhedron_offsets`.
 
 use std::borrow::Cow;
-use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-use vacua_volume::{Association, DataArray, Dataset, ScalarType, dispatch_scalar};
+use vacua_volume::{Association, DataArray, Dataset};
 
 use super::as_float;
 use super::data_array::DataArrayElement;
@@ -17,7 +16,8 @@ use super::document::{Element, XmlFile};
 use super::fields::PieceArrays;
 use crate::error::Problem;
 use crate::mesh::{
-    Ends, Faces, Part, PartField, SourceCells, assemble, faces_of_stream, index_at, join, widened,
+    Ends, Faces, ListedFaces, Part, PartField, SourceCells, assemble, cell_types, faces_of_stream,
+    join_full, numbers_of, widened,
 };
 use crate::source::Source;
 
@@ -33,7 +33,7 @@ pub(super) const PARALLEL: &str = "PUnstructuredGrid";
 pub(super) fn read(file: XmlFile) -> Result<Dataset, Problem> {
     let (mut parts, mut notes) = (Vec::new(), Vec::new());
     add_pieces(&Arc::new(file), &mut parts, &mut notes)?;
-    finish(parts, notes)
+    join_full(parts, notes)
 }
 
 /// Reads a parallel file with the serial files that it names.
@@ -69,16 +69,7 @@ pub(super) fn read_parallel(file: &XmlFile) -> Result<Dataset, Problem> {
         };
         add().map_err(|problem| Problem::part(problem.in_file(&path)))?;
     }
-    finish(parts, notes)
-}
-
-/// Joins pieces; empty ones, which often lack arrays, count only if there are no others.
-fn finish(mut parts: Vec<Part>, notes: Vec<String>) -> Result<Dataset, Problem> {
-    let is_full = |part: &Part| part.positions.tuples() > 0 || part.cells.num_source_cells > 0;
-    if parts.iter().any(is_full) {
-        parts.retain(is_full);
-    }
-    join(parts, notes)
+    join_full(parts, notes)
 }
 
 fn add_pieces(
@@ -197,21 +188,14 @@ struct CellArrays {
     ends: DataArray,
     connectivity: DataArray,
     polyhedra: Option<Polyhedra>,
-    /// How many more points of faces there may be: a face has two sides.
-    face_points_left: Cell<usize>,
 }
 
 /// Where the faces of polyhedra are.
 enum Polyhedra {
     /// One stream, and where each cell's part of it ends; negative for other cells.
     Stream { faces: DataArray, ends: DataArray },
-    /// Faces by number: their points, where those end, the faces of all cells, where those end.
-    Listed {
-        points: DataArray,
-        point_ends: DataArray,
-        faces: DataArray,
-        face_ends: DataArray,
-    },
+    /// Faces by number.
+    Listed(ListedFaces),
 }
 
 impl CellArrays {
@@ -252,25 +236,20 @@ impl CellArrays {
             let ends = required("faceoffsets", Some(num_cells))?;
             Some(Polyhedra::Stream { faces, ends })
         } else if let Some(points) = integers("face_connectivity", None)? {
-            Some(Polyhedra::Listed {
+            Some(Polyhedra::Listed(ListedFaces::new(
                 points,
-                point_ends: required("face_offsets", None)?,
-                faces: required("polyhedron_to_faces", None)?,
-                face_ends: required("polyhedron_offsets", None)?,
-            })
+                required("face_offsets", None)?,
+                required("polyhedron_to_faces", None)?,
+                required("polyhedron_offsets", None)?,
+            )))
         } else {
             None
-        };
-        let face_points = match &polyhedra {
-            Some(Polyhedra::Listed { points, .. }) => points.tuples(),
-            _ => 0,
         };
         Ok(Self {
             types,
             ends,
             connectivity,
             polyhedra,
-            face_points_left: Cell::new(face_points.saturating_mul(2)),
         })
     }
 
@@ -282,63 +261,13 @@ impl CellArrays {
     fn faces(&self, cell: usize) -> Result<Vec<Vec<u64>>, Problem> {
         let place = format!("polyhedron {cell}");
         let wrong = || Problem::malformed(&place, "faces in their arrays", "places outside them");
-        let span = |array: &DataArray, ends: &DataArray, place: usize| {
-            let end = index_at(ends, place)?;
-            // Negative ends are those of cells without faces.
-            let start = (0..place)
-                .rev()
-                .find_map(|p| index_at(ends, p))
-                .unwrap_or(0);
-            (start <= end && end <= array.tuples()).then_some(start..end)
-        };
-        let numbers = |array: &DataArray, span: std::ops::Range<usize>| -> Option<Vec<u64>> {
-            span.map(|i| index_at(array, i).map(|n| n as u64)).collect()
-        };
         match &self.polyhedra {
             None => Err(wrong()),
             Some(Polyhedra::Stream { faces, ends }) => {
-                let stream = span(faces, ends, cell).and_then(|s| numbers(faces, s));
-                faces_of_stream(&place, &stream.ok_or_else(wrong)?)
+                let stream = numbers_of(faces, ends, cell).ok_or_else(wrong)?;
+                faces_of_stream(&place, &stream)
             }
-            Some(Polyhedra::Listed {
-                points,
-                point_ends,
-                faces,
-                face_ends,
-            }) => {
-                let listed = span(faces, face_ends, cell).and_then(|s| numbers(faces, s));
-                let listed = listed.ok_or_else(wrong)?;
-                let face = |&face: &u64| {
-                    let span = span(points, point_ends, usize::try_from(face).ok()?)?;
-                    let left = self.face_points_left.get().checked_sub(span.len())?;
-                    self.face_points_left.set(left);
-                    numbers(points, span)
-                };
-                listed
-                    .iter()
-                    .map(face)
-                    .collect::<Option<_>>()
-                    .ok_or_else(wrong)
-            }
+            Some(Polyhedra::Listed(faces)) => faces.of_cell(cell).ok_or_else(wrong),
         }
     }
-}
-
-/// Cell types in whatever integers.
-fn cell_types(array: &DataArray, what: &str) -> Result<Vec<u8>, Problem> {
-    let wrong = || Problem::malformed(what, "numbers of VTK cell types, 0 to 255", "others");
-    if matches!(array.scalar_type(), ScalarType::F32 | ScalarType::F64) || array.components() != 1 {
-        return Err(wrong());
-    }
-    if let Some(bytes) = array.as_slice::<u8>() {
-        return Ok(bytes.to_vec());
-    }
-    dispatch_scalar!(array.scalar_type(), T => {
-        let all: &[T] = bytemuck::cast_slice(array.bytes());
-        let byte = |v: &T| {
-            let v = vacua_volume::Scalar::to_f64(*v);
-            (0.0..=255.0).contains(&v).then_some(v as u8).ok_or_else(wrong)
-        };
-        all.iter().map(byte).collect()
-    })
 }
