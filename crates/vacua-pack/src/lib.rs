@@ -22,6 +22,7 @@
 //! | §5.7 surface area heuristic, 2 : 1 | `bvh` |
 //! | §5.8 value ranges | `field` |
 //! | §6.2 encoding | `encode` |
+//! | §3, §6.1, §6.3 what it is compared with | [`reference`](mod@reference) |
 //!
 //! ```
 //! use vacua_pack::{EncodeOptions, PackedField, encode};
@@ -62,6 +63,7 @@ mod packed;
 mod pairs;
 mod partition;
 mod pool;
+pub mod reference;
 mod section;
 mod spill;
 mod submesh;
