@@ -1,15 +1,18 @@
-//! The subcommands: `vacua bench skip`, `auto`, `render` and `gpu`, the same as those of `vacua-bench`.
+//! The subcommands of `vacua bench`, the same as those of `vacua-bench`.
 
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use vacua_gpu::DeviceChoice;
-use vacua_synth::{Kind, parse_size};
+use vacua_synth::{Kind, MeshKind, parse_size};
 
 use crate::auto::{self, AutoOptions};
+use crate::encode::{self, EncodeOptions};
 use crate::gpu::{self, GpuOptions};
+use crate::meshes::{MeshSize, Scene};
 use crate::render::{self, RenderOptions};
+use crate::sample::{self, SampleOptions, Share};
 use crate::skip::{self, Model, SkipOptions};
 
 /// What to measure.
@@ -57,12 +60,70 @@ pub enum Command {
         #[command(flatten)]
         common: Common,
     },
+    /// Tables 1, 2, 3 and 5 of paper B: bytes a cell by part, encoding times, OSPRay's layouts.
+    Encode {
+        /// Bits of an index for Table 2, 8 to 32.
+        #[arg(long, value_delimiter = ',')]
+        index_bits: Option<Vec<u32>>,
+        /// Which meshes.
+        #[command(flatten)]
+        meshes: Meshes,
+        /// What all take.
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Samples a second, pictures, and Tables 4 and 6 of paper B: the packed form and its rivals.
+    Sample {
+        /// The first I of N equal parts of the first mesh, instead of those of Tables 4 and 6.
+        #[arg(long, value_name = "I/N", value_delimiter = ',')]
+        part: Option<Vec<Share>>,
+        /// Random places, and places in Morton order.
+        #[arg(long)]
+        places: Option<usize>,
+        /// Which meshes.
+        #[command(flatten)]
+        meshes: Meshes,
+        /// What all take.
+        #[command(flatten)]
+        common: Common,
+    },
     /// The benchmark scene with every method, macrocells a second, transfer-function edits.
     Render {
         /// What all take.
         #[command(flatten)]
         common: Common,
     },
+}
+
+/// Meshes to measure on.
+#[derive(Args, Debug)]
+pub struct Meshes {
+    /// tet100, hex150, jets, delaunay, lander, ocean, octree.
+    #[arg(long, value_delimiter = ',')]
+    models: Vec<MeshKind>,
+    /// Cells a side of every mesh, about; instead of --scale.
+    #[arg(long)]
+    cells: Option<usize>,
+    /// Points and cells in the order in which they are made, not shuffled.
+    #[arg(long)]
+    in_order: bool,
+}
+
+impl Meshes {
+    fn models(&self, default: Vec<Scene>) -> Vec<Scene> {
+        if self.models.is_empty() {
+            return default;
+        }
+        self.models.iter().copied().map(Scene).collect()
+    }
+
+    fn size(&self, scale: Option<f64>, default: MeshSize) -> MeshSize {
+        MeshSize {
+            scale: scale.unwrap_or(default.scale),
+            cells: self.cells,
+            shuffled: !self.in_order,
+        }
+    }
 }
 
 /// What all take; defaults depend on `--quick`.
@@ -106,6 +167,17 @@ pub fn run(command: Command) -> Outcome {
         Command::Skip { models, common } => run_skip(models, common),
         Command::Auto { points, common } => run_auto(points, common),
         Command::Render { common } => run_render(common),
+        Command::Encode {
+            index_bits,
+            meshes,
+            common,
+        } => run_encode(index_bits, &meshes, common),
+        Command::Sample {
+            part,
+            places,
+            meshes,
+            common,
+        } => run_sample(part, places, &meshes, common),
         Command::Gpu {
             device,
             kinds,
@@ -178,6 +250,47 @@ fn run_render(common: Common) -> Outcome {
         repeats: common.repeats.unwrap_or(defaults.repeats),
         threads: common.threads,
         sides: common.sides.unwrap_or(defaults.sides),
+        quick: common.quick,
+    })?;
+    text(&results, common.json, || results.markdown())
+}
+
+fn run_encode(index_bits: Option<Vec<u32>>, meshes: &Meshes, common: Common) -> Outcome {
+    let defaults = if common.quick {
+        EncodeOptions::quick()
+    } else {
+        EncodeOptions::default()
+    };
+    let results = encode::run(&EncodeOptions {
+        models: meshes.models(defaults.models),
+        size: meshes.size(common.scale, defaults.size),
+        repeats: common.repeats.unwrap_or(defaults.repeats),
+        threads: common.threads,
+        index_bits: index_bits.unwrap_or(defaults.index_bits),
+        quick: common.quick,
+    })?;
+    text(&results, common.json, || results.markdown())
+}
+
+fn run_sample(
+    part: Option<Vec<Share>>,
+    places: Option<usize>,
+    meshes: &Meshes,
+    common: Common,
+) -> Outcome {
+    let defaults = if common.quick {
+        SampleOptions::quick()
+    } else {
+        SampleOptions::default()
+    };
+    let results = sample::run(&SampleOptions {
+        models: meshes.models(defaults.models),
+        size: meshes.size(common.scale, defaults.size),
+        pixels: common.size.map_or(defaults.pixels, |(width, _)| width),
+        places: places.unwrap_or(defaults.places),
+        repeats: common.repeats.unwrap_or(defaults.repeats),
+        threads: common.threads,
+        shares: part.unwrap_or(defaults.shares),
         quick: common.quick,
     })?;
     text(&results, common.json, || results.markdown())

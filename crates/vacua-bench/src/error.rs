@@ -61,6 +61,24 @@ pub enum BenchError {
     /// A picture could not be written.
     #[error(transparent)]
     Io(#[from] vacua_io::IoError),
+    /// A mesh could not be encoded.
+    #[error(transparent)]
+    Encode(#[from] vacua_pack::EncodeError),
+    /// A field could not be brought along.
+    #[error(transparent)]
+    Field(#[from] vacua_pack::PackFieldError),
+    /// A mesh does not fit a reference encoding.
+    #[error(transparent)]
+    Reference(#[from] vacua_pack::reference::ReferenceError),
+    /// Parts of a mesh do not fit together.
+    #[error(transparent)]
+    Mesh(#[from] vacua_volume::MeshError),
+    /// An array of a wrong shape.
+    #[error(transparent)]
+    Array(#[from] vacua_volume::ArrayError),
+    /// A camera that sees nothing.
+    #[error(transparent)]
+    Camera(#[from] vacua_render::CameraError),
     /// A picture could not be made.
     #[error(transparent)]
     Render(#[from] RenderError),

@@ -1,4 +1,5 @@
-//! `vacua-bench skip`, `auto`, `render` and `gpu`: the tables on this machine, as `vacua bench` has them.
+//! `vacua-bench skip`, `encode`, `sample` and so on: the tables on this machine, as `vacua bench` has
+//! them.
 
 use std::io::Write;
 use std::process::ExitCode;

@@ -263,7 +263,7 @@ fn bytes_are_those_of_the_paper() {
         near(user, 70.0) && near(shared, 175.0) && near(march, 38.0),
         "{user} {shared} {march}"
     );
-    let vertices = 16.0 * cells.vertices.len() as f64 / cells.cells.len() as f64;
+    let vertices = 16.0 * cells.vertices().len() as f64 / cells.cells().len() as f64;
     let min_max = per_cell(&MinMaxBvh::new(&cells));
     let expected = vertices + 32.0 + 8.0 + 2.0 * 40.0;
     assert!((min_max - expected).abs() < 0.1, "{min_max}");
@@ -313,7 +313,7 @@ fn nothing_is_found_in_nothing() {
 fn hierarchies_know_ranges() {
     let case = Case::lattice(3, Cut::Hexahedra, 6);
     let cells = case.cells();
-    let values = cells.vertices.iter().map(|v| v[3]);
+    let values = cells.vertices().iter().map(|v| v[3]);
     let lo = values.clone().fold(f32::INFINITY, f32::min);
     let hi = values.fold(f32::NEG_INFINITY, f32::max);
     assert_eq!(MinMaxBvh::new(&cells).range(), Some([lo, hi]));

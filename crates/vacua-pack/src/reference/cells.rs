@@ -28,18 +28,15 @@ impl Cell {
 /// Cells in packed order over vertices that none shares with a copy of itself.
 #[derive(Clone, Debug, Default)]
 pub struct Cells {
-    /// Positions relative to the mesh's origin, and the value there; in the order in which cells come
-    /// by them.
-    pub vertices: Vec<[f32; 4]>,
-    /// The cells.
-    pub cells: Vec<Cell>,
+    pub(super) vertices: Vec<[f32; 4]>,
+    pub(super) cells: Vec<Cell>,
 }
 
 impl Cells {
     /// The cells of a packed mesh, with a field on its points.
     ///
     /// # Errors
-    /// [`ReferenceError`] if map or field are not the mesh's, or numbers of vertices or cells do not
+    /// [`ReferenceError`] if map or field are not the mesh's, a cell has a corner that is none, or numbers of vertices or cells do not
     /// fit 29 bits.
     pub fn new(
         mesh: &PackedMesh,
@@ -92,18 +89,26 @@ impl Cells {
         };
         check("cells", mesh.num_cells())?;
         check("vertices", num_vertices as u64)?;
-        let num_points = (0..num_vertices).map(|v| map.points.get(v) + 1).max();
-        let mut number_of = vec![NONE; num_points.unwrap_or(0) as usize];
+        let last_point = (0..num_vertices).map(|v| map.points.get(v)).max();
+        check("points", last_point.unwrap_or(0))?;
+        let mut number_of = vec![NONE; last_point.map_or(0, |last| last as usize + 1)];
         let mut all = Self::default();
+        // The first vertex after those of its sub-mesh that a cell reaches for, if one does.
+        let mut beyond = None;
         for number in submeshes {
             let Some(submesh) = mesh.submesh(number) else {
                 continue;
             };
             let first_vertex = submesh.header.first_vertex as usize;
+            let after = first_vertex + submesh.positions.len();
             for node in 0..submesh.header.num_nodes {
                 submesh.cells_of_node(node, |_, cell_type, corners| {
                     let corners = corners.map(|corner| {
                         let place = first_vertex + corner as usize;
+                        if place >= after {
+                            beyond = Some((place, after));
+                            return 0;
+                        }
                         let number = &mut number_of[map.points.get(place) as usize];
                         if *number == NONE {
                             *number = all.vertices.len() as u32;
@@ -117,7 +122,24 @@ impl Cells {
                 });
             }
         }
-        Ok(all)
+        match beyond {
+            Some((place, after)) => Err(ReferenceError::Corner {
+                actual: place as u64,
+                end: after as u64,
+            }),
+            None => Ok(all),
+        }
+    }
+
+    /// Positions relative to the mesh's origin, and the value there; in the order in which cells come
+    /// by them.
+    pub fn vertices(&self) -> &[[f32; 4]] {
+        &self.vertices
+    }
+
+    /// The cells.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
     }
 
     /// The corners of the box around a cell.

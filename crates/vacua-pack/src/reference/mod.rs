@@ -86,6 +86,14 @@ pub enum ReferenceError {
         /// Entries expected.
         expected: u64,
     },
+    /// A cell of a damaged mesh.
+    #[error("a cell reaches for vertex {actual}, its sub-mesh ends at {end}")]
+    Corner {
+        /// The vertex.
+        actual: u64,
+        /// One past the last.
+        end: u64,
+    },
 }
 
 /// The cells of sixteen places and the values there. What belongs to lanes that are not in

@@ -1,0 +1,191 @@
+//! Places in the orders in which samples are asked for, and the time that they take.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use vacua_pack::block::Places;
+use vacua_simd::LANES;
+
+use super::peers::Peer;
+use super::picture::Rays;
+use crate::cell::Cell;
+use crate::timing::median;
+
+/// In which order places are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// Along the rays of a picture.
+    Rays,
+    /// As they come.
+    Random,
+    /// The same places along a curve that fills space.
+    Morton,
+}
+
+impl Order {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::Rays, Self::Random, Self::Morton];
+
+    /// A word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rays => "rays",
+            Self::Random => "random",
+            Self::Morton => "Morton",
+        }
+    }
+}
+
+/// Blocks of sixteen that are timed together.
+const CHUNK: usize = 256;
+/// Rays that are timed together.
+pub(super) const RAYS: usize = 64;
+/// Bits a coordinate of a place on the curve.
+const MORTON_BITS: u32 = 16;
+
+/// Work to be timed.
+pub(super) enum Work<'a> {
+    /// Rays of a picture.
+    Rays(&'a Rays),
+    /// Sixteen places at a time.
+    Blocks(Vec<Places>),
+}
+
+impl Work<'_> {
+    /// How many samples it is.
+    pub fn num_samples(&self) -> usize {
+        match self {
+            Self::Rays(rays) => rays.num_samples(),
+            Self::Blocks(blocks) => blocks.len() * LANES,
+        }
+    }
+
+    fn num_chunks(&self) -> usize {
+        match self {
+            Self::Rays(rays) => rays.rays.len().div_ceil(RAYS),
+            Self::Blocks(blocks) => blocks.len().div_ceil(CHUNK),
+        }
+    }
+
+    /// One of its pieces. The sum keeps the compiler from leaving anything out.
+    fn chunk(&self, peer: &Peer, chunk: usize) -> f32 {
+        let mut sum = 0.0;
+        match self {
+            Self::Rays(rays) => {
+                let mut values = Vec::new();
+                for ray in rays.rays.chunks(RAYS).nth(chunk).unwrap_or(&[]) {
+                    values.resize(ray.count, 0.0);
+                    peer.sample_ray(&ray.samples, &mut values);
+                    sum += values.iter().filter(|v| !v.is_nan()).sum::<f32>();
+                }
+            }
+            Self::Blocks(blocks) => {
+                for at in blocks.chunks(CHUNK).nth(chunk).unwrap_or(&[]) {
+                    sum += peer.sample(at).0.iter().sum::<f32>();
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// Random places in a box, and if wished along a curve that fills it.
+pub(super) fn places(lo: [f64; 3], hi: [f64; 3], count: usize, sorted: bool) -> Vec<Places> {
+    let mut state = 0x9E37_79B9_7F4A_7C15u64;
+    let mut unit = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let mut all: Vec<[f64; 3]> = (0..count.div_ceil(LANES) * LANES)
+        .map(|_| [unit(), unit(), unit()])
+        .collect();
+    if sorted {
+        all.par_sort_by_cached_key(|p| morton(*p));
+    }
+    let place = |p: &[f64; 3], axis: usize| (lo[axis] + p[axis] * (hi[axis] - lo[axis])) as f32;
+    let sixteen = |sixteen: &[[f64; 3]]| {
+        let mut places = [[0.0; LANES]; 3];
+        for (lane, p) in sixteen.iter().enumerate() {
+            (0..3).for_each(|axis| places[axis][lane] = place(p, axis));
+        }
+        places
+    };
+    all.chunks(LANES).map(sixteen).collect()
+}
+
+/// Where a place in the unit cube comes on the curve.
+fn morton(place: [f64; 3]) -> u64 {
+    let cell = place.map(|c| (c * f64::from(1u32 << MORTON_BITS)) as u64);
+    let mut key = 0;
+    for bit in (0..MORTON_BITS).rev() {
+        for coordinate in cell {
+            key = key << 1 | coordinate >> bit & 1;
+        }
+    }
+    key
+}
+
+/// Samples a second of several peers that take turns: of all threads, and of a core left alone.
+pub(super) fn rates(peers: &[&Peer], work: &Work, repeats: usize) -> Vec<(Cell<f64>, Cell<f64>)> {
+    let samples = work.num_samples() as f64;
+    let mut all_secs = vec![Vec::new(); peers.len()];
+    let mut best = vec![vec![f64::INFINITY; work.num_chunks()]; peers.len()];
+    for _ in 0..repeats {
+        for (number, peer) in peers.iter().enumerate() {
+            let start = Instant::now();
+            let sum: f32 = best[number]
+                .par_iter_mut()
+                .enumerate()
+                .map(|(chunk, best)| {
+                    let start = Instant::now();
+                    let sum = work.chunk(peer, chunk);
+                    *best = best.min(start.elapsed().as_secs_f64());
+                    sum
+                })
+                .sum();
+            std::hint::black_box(sum);
+            all_secs[number].push(start.elapsed().as_secs_f64());
+        }
+    }
+    let of_peer = |(secs, best): (Vec<f64>, Vec<f64>)| {
+        let rate = |secs: f64| {
+            if secs > 0.0 && samples > 0.0 {
+                Cell::Value(samples / secs)
+            } else {
+                Cell::empty("no sample lies in the mesh")
+            }
+        };
+        (rate(median(secs)), rate(best.iter().sum()))
+    };
+    all_secs.into_iter().zip(best).map(of_peer).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn morton_order_keeps_neighbours_together() {
+        let distance = |blocks: &[Places]| {
+            let all = blocks.iter().flat_map(|b| (0..LANES).map(|l| b[0][l]));
+            let all: Vec<f32> = all.collect();
+            all.windows(2).map(|w| (w[0] - w[1]).abs()).sum::<f32>()
+        };
+        let [random, sorted] = [false, true].map(|s| places([0.0; 3], [1.0; 3], 1 << 12, s));
+        assert_eq!(random.len(), 256);
+        assert!(distance(&sorted) < 0.2 * distance(&random));
+        let sum = |blocks: &[Places]| {
+            blocks
+                .iter()
+                .flatten()
+                .flatten()
+                .map(|c| f64::from(*c))
+                .sum::<f64>()
+        };
+        assert!((sum(&random) - sum(&sorted)).abs() < 1e-6);
+    }
+}
