@@ -1,7 +1,7 @@
 //! Meshes to measure on.
 
 use serde::{Deserialize, Serialize, Serializer};
-use vacua_pack::{EncodeOptions, Encoded, PackedField, encode};
+use vacua_pack::{EncodeOptions, Encoded, PackedField, Variant, encode};
 use vacua_synth::{MeshKind, MeshSpec, generate_mesh};
 use vacua_volume::{
     Association, ComponentChoice, DataArray, Dataset, FieldChoice, UnstructuredMesh, Volume,
@@ -11,6 +11,11 @@ use std::sync::Arc;
 
 use crate::error::BenchError;
 use crate::machine::available_bytes;
+
+/// The variants of the encoding that are measured, by what the command calls them; what references
+/// are built from is that of the last.
+pub(crate) const VARIANTS: [(Variant, &str); 2] =
+    [(Variant::MultiLeaves, "1"), (Variant::MultiNodes, "2")];
 
 /// Bytes a cell that making and encoding a mesh takes, about.
 const BYTES_PER_CELL: u64 = 250;

@@ -55,7 +55,7 @@ fn tables_1_2_3_and_5_come_out() {
             let per_cell = variant.bytes_per_cell.value().expect("encoded");
             assert!((parts.total() as f64 / cells as f64 - per_cell).abs() < 1e-9);
             // Between a third and three times the paper's, on a mesh that is all boundary.
-            let ratio = per_cell / variant.paper_bytes_per_cell;
+            let ratio = per_cell / variant.paper_bytes_per_cell.expect("in the paper");
             assert!((0.33..3.0).contains(&ratio), "{ratio}");
             assert!(variant.cells_per_sec.value().expect("encoded") > 0.0);
             packed.push(per_cell);

@@ -54,7 +54,7 @@ fn table_3(models: &[ModelResult]) -> String {
         "bytes a cell",
         "target",
         "encoding",
-        "M cells/s",
+        "M cells/s (of a core)",
     ];
     text += &head(&names, 3);
     for model in models {
@@ -63,14 +63,16 @@ fn table_3(models: &[ModelResult]) -> String {
                 name(model),
                 cells_text(model),
                 model.paper_model.clone(),
-                v.variant.to_string(),
+                v.variant.clone(),
                 notes.cell(&v.vertices, None, count),
                 notes.cell(&v.submeshes, None, count),
                 notes.cell(&v.nodes, None, count),
-                notes.cell(&v.bytes_per_cell, Some(v.paper_bytes_per_cell), digits),
+                notes.cell(&v.bytes_per_cell, v.paper_bytes_per_cell, digits),
                 v.target_bytes_per_cell.map_or_else(String::new, digits),
                 notes.cell(&v.secs, None, seconds),
-                notes.cell(&v.cells_per_sec.map(|n| n * 1e-6), None, digits),
+                notes.cell(&v.cells_per_sec, v.cells_per_core_sec.value(), |n| {
+                    digits(n * 1e-6)
+                }),
             ]);
         }
     }
@@ -106,7 +108,7 @@ fn parts(models: &[ModelResult]) -> String {
             };
             text += &line([
                 name(model),
-                variant.to_string(),
+                variant.clone(),
                 // The paper counts positions and values together.
                 with_paper(parts.positions, paper.vertex_bytes * 0.75),
                 with_paper(parts.values, paper.vertex_bytes * 0.25),

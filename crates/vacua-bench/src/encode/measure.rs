@@ -5,17 +5,13 @@ use vacua_pack::{EncodeOptions as PackOptions, Variant};
 use vacua_synth::MeshKind;
 use vacua_volume::Dataset;
 
-use super::{
-    BitsResult, EncodeOptions, LayoutResult, ModelResult, PackedParts, VariantResult, number,
-};
+use super::{BitsResult, EncodeOptions, LayoutResult, ModelResult, PackedParts, VariantResult};
 use crate::cell::Cell;
 use crate::error::BenchError;
 use crate::machine::available_bytes;
-use crate::meshes::{self, Packed, Scene};
+use crate::meshes::{self, Packed, Scene, VARIANTS};
 use crate::paper_b;
-use crate::timing::{median, timed};
-
-const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
+use crate::timing::{Took, clocked, medians};
 
 /// Bytes a cell that building an uncompressed layout takes at most, about.
 pub(crate) const BUILD_BYTES_PER_CELL: u64 = 900;
@@ -53,7 +49,7 @@ pub(super) fn model(model: Scene, options: &EncodeOptions) -> ModelResult {
         Err(e) => {
             let why = e.to_string();
             result.points = Cell::empty(&why);
-            let variants = VARIANTS.map(|variant| empty_variant(kind, variant, &why));
+            let variants = VARIANTS.map(|(_, name)| empty_variant(kind, name, &why));
             result.variants = variants.into();
             result.layouts = layouts(kind, Err(&why), options);
             return result;
@@ -65,18 +61,18 @@ pub(super) fn model(model: Scene, options: &EncodeOptions) -> ModelResult {
     }
     // What the layouts are built from is that of the last.
     let mut last: Option<Result<Packed, String>> = None;
-    for which in VARIANTS {
+    for (which, name) in VARIANTS {
         drop(last.take());
         result
             .variants
-            .push(match variant(kind, &dataset, which, options) {
+            .push(match variant(kind, &dataset, (which, name), options) {
                 Ok((measured, packed)) => {
                     last = Some(Ok(packed));
                     measured
                 }
                 Err(e) => {
                     last = Some(Err(e.to_string()));
-                    empty_variant(kind, which, &e.to_string())
+                    empty_variant(kind, name, &e.to_string())
                 }
             });
     }
@@ -87,32 +83,32 @@ pub(super) fn model(model: Scene, options: &EncodeOptions) -> ModelResult {
 }
 
 /// Encodes once.
-fn encode_once(dataset: &Dataset, options: PackOptions) -> Result<(Packed, f64), BenchError> {
+fn encode_once(dataset: &Dataset, options: PackOptions) -> Result<(Packed, Took), BenchError> {
     let mesh = meshes::mesh(dataset)?;
     let volume = meshes::volume(dataset)?;
-    let (packed, secs) = timed(|| Packed::new(mesh, volume.scalars(), options));
-    Ok((packed?, secs))
+    let (packed, took) = clocked(|| Packed::new(mesh, volume.scalars(), options));
+    Ok((packed?, took))
 }
 
 fn variant(
     kind: MeshKind,
     dataset: &Dataset,
-    variant: Variant,
+    (variant, name): (Variant, &str),
     options: &EncodeOptions,
 ) -> Result<(VariantResult, Packed), BenchError> {
     let pack_options = PackOptions {
         variant,
         ..PackOptions::default()
     };
-    let (mut packed, secs) = encode_once(dataset, pack_options)?;
-    let mut all_secs = vec![secs];
+    let (mut packed, first) = encode_once(dataset, pack_options)?;
+    let mut all = vec![first];
     for _ in 1..options.repeats {
         drop(packed);
-        let secs;
-        (packed, secs) = encode_once(dataset, pack_options)?;
-        all_secs.push(secs);
+        let took;
+        (packed, took) = encode_once(dataset, pack_options)?;
+        all.push(took);
     }
-    let secs = median(all_secs);
+    let Took { secs, core_secs } = medians(&all);
     let mesh = &packed.encoded.mesh;
     let (bytes, field) = (mesh.bytes(), packed.field.bytes());
     let map = &packed.encoded.map;
@@ -128,7 +124,7 @@ fn variant(
     };
     let cells = mesh.num_cells() as f64;
     let result = VariantResult {
-        variant: number(variant),
+        variant: name.to_owned(),
         vertices: Cell::Value(mesh.num_vertices() as u64),
         submeshes: Cell::Value(mesh.submeshes().len() as u64),
         nodes: Cell::Value(mesh.nodes().len() as u64),
@@ -136,28 +132,24 @@ fn variant(
         parts: Some(parts),
         secs: Cell::Value(secs),
         cells_per_sec: Cell::Value(cells / secs),
-        target_bytes_per_cell: target(kind, variant),
-        paper_bytes_per_cell: paper_bytes(kind, variant),
+        cells_per_core_sec: core_secs.map_or(
+            Cell::empty("this system has no clock of a process's own"),
+            |secs| Cell::Value(cells / secs),
+        ),
+        target_bytes_per_cell: paper_b::target(kind, name),
+        paper_bytes_per_cell: paper_bytes(kind, name),
     };
     Ok((result, packed))
 }
 
-fn target(kind: MeshKind, variant: Variant) -> Option<f64> {
-    paper_b::target(kind).map(|both| both[usize::from(number(variant)) - 1])
-}
-
-fn paper_bytes(kind: MeshKind, variant: Variant) -> f64 {
+fn paper_bytes(kind: MeshKind, name: &str) -> Option<f64> {
     let model = paper_b::model(kind);
-    let bytes = match variant {
-        Variant::MultiLeaves => model.variant_1_bytes,
-        Variant::MultiNodes => model.variant_2_bytes,
-    };
-    bytes / model.cells
+    Some(model.variant_bytes(name)? / model.cells)
 }
 
-fn empty_variant(kind: MeshKind, variant: Variant, why: &str) -> VariantResult {
+fn empty_variant(kind: MeshKind, name: &str, why: &str) -> VariantResult {
     VariantResult {
-        variant: number(variant),
+        variant: name.to_owned(),
         vertices: Cell::empty(why),
         submeshes: Cell::empty(why),
         nodes: Cell::empty(why),
@@ -165,8 +157,9 @@ fn empty_variant(kind: MeshKind, variant: Variant, why: &str) -> VariantResult {
         bytes_per_cell: Cell::empty(why),
         secs: Cell::empty(why),
         cells_per_sec: Cell::empty(why),
-        target_bytes_per_cell: target(kind, variant),
-        paper_bytes_per_cell: paper_bytes(kind, variant),
+        cells_per_core_sec: Cell::empty(why),
+        target_bytes_per_cell: paper_b::target(kind, name),
+        paper_bytes_per_cell: paper_bytes(kind, name),
     }
 }
 
@@ -248,7 +241,7 @@ pub(super) fn index_bits(options: &EncodeOptions) -> Vec<BitsResult> {
                 .map_err(|e| e.to_string())
         });
         match measured {
-            Ok(((packed, secs), points)) => of_bits(bits, &packed, secs, points),
+            Ok(((packed, took), points)) => of_bits(bits, &packed, took.secs, points),
             Err(why) => BitsResult {
                 bits,
                 groups: Cell::empty(&why),

@@ -10,7 +10,6 @@ mod measure;
 pub(crate) use measure::check_memory;
 
 use serde::{Deserialize, Serialize};
-use vacua_pack::Variant;
 use vacua_synth::MeshKind;
 
 use crate::cell::Cell;
@@ -130,7 +129,7 @@ impl PackedParts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantResult {
     /// 1, multi-leaves; 2, multi-nodes.
-    pub variant: u8,
+    pub variant: String,
     /// Vertices, replicated ones included.
     pub vertices: Cell<u64>,
     /// Sub-meshes.
@@ -145,10 +144,12 @@ pub struct VariantResult {
     pub secs: Cell<f64>,
     /// Cells a second.
     pub cells_per_sec: Cell<f64>,
+    /// Cells a second of a core, by the clock of the process's threads.
+    pub cells_per_core_sec: Cell<f64>,
     /// Bytes a cell to stay within.
     pub target_bytes_per_cell: Option<f64>,
     /// Bytes a cell of the paper's model.
-    pub paper_bytes_per_cell: f64,
+    pub paper_bytes_per_cell: Option<f64>,
 }
 
 /// One uncompressed layout of one mesh.
@@ -229,14 +230,6 @@ impl EncodeResults {
     /// The tables for people.
     pub fn markdown(&self) -> String {
         markdown::all(self)
-    }
-}
-
-/// Number of a variant in the paper.
-pub(crate) const fn number(variant: Variant) -> u8 {
-    match variant {
-        Variant::MultiLeaves => 1,
-        Variant::MultiNodes => 2,
     }
 }
 

@@ -39,12 +39,12 @@ fn rates(scene: &SceneResult) -> String {
     let mut notes = Footnotes::default();
     let kind = scene.model.0;
     let mut text = format!(
-        "\n## {}: Msamples/s, of a core left alone in brackets\n\n",
+        "\n## {}: Msamples/s, of a core in brackets\n\n",
         name(scene)
     );
     let mut names = vec!["", "bytes a cell", "built in"];
     names.extend(Order::ALL.map(Order::name));
-    names.extend(["picture", "off by"]);
+    names.extend(["picture (of a core)", "off by"]);
     text += &head(&names, 1);
     for peer in &scene.peers {
         let mut row = vec![
@@ -57,7 +57,8 @@ fn rates(scene: &SceneResult) -> String {
             let alone = rate.samples_per_core_sec.value();
             row.push(notes.cell(&rate.samples_per_sec, alone, millions));
         }
-        row.push(notes.cell(&peer.picture_secs, None, seconds));
+        let core_secs = peer.picture_core_secs.value();
+        row.push(notes.cell(&peer.picture_secs, core_secs, seconds));
         row.push(notes.cell(&peer.picture_difference, None, |d| format!("{d:.1e}")));
         text += &line(row);
     }
@@ -77,7 +78,7 @@ fn rates(scene: &SceneResult) -> String {
     }
     text += &notes.text();
     text += &format!(
-        "\n{} samples in ray order and a picture.\n",
+        "\n{} samples a picture; ray order is measured on every seventh tile of it.\n",
         count(scene.samples)
     );
     if let crate::Cell::Empty { empty } = &scene.cells {
@@ -92,12 +93,13 @@ fn frames(scene: &SceneResult) -> String {
         "\n## {}: frames of the renderer, packed variant 2\n\n",
         name(scene)
     );
-    text += &head(&["skip", "samples", "frame"], 1);
+    text += &head(&["skip", "samples", "frame", "of a core"], 1);
     for frame in &scene.frames {
         text += &line([
             frame.skip.clone(),
             notes.cell(&frame.samples, None, count),
             notes.cell(&frame.secs, None, seconds),
+            notes.cell(&frame.core_secs, None, seconds),
         ]);
     }
     text + &notes.text()
@@ -157,7 +159,9 @@ fn table_4(shares: &[ShareResult], of: &str) -> String {
 
 fn table_6(shares: &[ShareResult], of: &str) -> String {
     let mut notes = Footnotes::default();
-    let mut text = format!("\n## Table 6: seconds a picture, and bytes, {of} (Jets)\n\n");
+    let mut text = format!(
+        "\n## Table 6: seconds of a core for a picture, and bytes, {of} (Jets, seconds)\n\n"
+    );
     let mut names = vec!["part".to_owned(), "cells".to_owned()];
     for (peer, ..) in paper_b::TABLE_6 {
         names.push(peer.to_owned());
@@ -179,7 +183,7 @@ fn table_6(shares: &[ShareResult], of: &str) -> String {
         for (peer, (_, paper_secs, paper_mb)) in result.peers.iter().zip(paper_b::TABLE_6) {
             let paper_cells = paper_b::TABLE_6_CELLS * part as f64 / result.share.of as f64;
             let paper_bytes = paper_mb[part - 1] * paper_b::MB / paper_cells;
-            row.push(notes.cell(&peer.secs, Some(paper_secs[part - 1]), seconds));
+            row.push(notes.cell(&peer.core_secs, Some(paper_secs[part - 1]), seconds));
             let per_cell = peer.bytes.map(|n| n as f64 / cells);
             row.push(notes.cell(&per_cell, Some(paper_bytes), digits));
         }

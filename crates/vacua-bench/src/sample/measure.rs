@@ -2,21 +2,24 @@
 
 use std::sync::Arc;
 
+use vacua_pack::EncodeOptions as PackOptions;
 use vacua_pack::reference::{Cells, Reference};
-use vacua_pack::{EncodeOptions as PackOptions, Variant};
 use vacua_render::{CpuRenderer, RenderSettings, Renderer, Scene as RenderScene, SkipMethod};
 use vacua_synth::BenchScene;
 use vacua_volume::{Bounds, Dataset, TransferTable, ValueMap, ValueRange};
 
-use super::orders::{self, Order, Work};
+use super::orders::{self, NO_CLOCK, Order, Work};
 use super::peers::{Kind, Peer};
 use super::picture::{self, Picture, Rays};
 use super::{FrameResult, PeerResult, Rate, SampleOptions, SceneResult};
 use crate::cell::Cell;
-use crate::encode::{check_memory, number};
+use crate::encode::check_memory;
 use crate::error::BenchError;
-use crate::meshes::{self, Packed, Scene};
-use crate::timing::{median, timed};
+use crate::meshes::{self, Packed, Scene, VARIANTS};
+use crate::timing::{Took, clocked, medians, timed};
+
+/// Ray order is measured on every so many tiles of the picture, which is enough.
+const EVERY_TILE: usize = 7;
 
 /// Everything about one mesh.
 pub(super) fn scene(model: Scene, options: &SampleOptions) -> SceneResult {
@@ -83,13 +86,13 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
     let mesh = meshes::mesh(&dataset)?;
     let volume = meshes::volume(&dataset)?;
     let mut variants = Vec::new();
-    for variant in [Variant::MultiLeaves, Variant::MultiNodes] {
+    for (variant, name) in VARIANTS {
         let pack_options = PackOptions {
             variant,
             ..PackOptions::default()
         };
         let (packed, secs) = timed(|| Packed::new(mesh, volume.scalars(), pack_options));
-        variants.push((variant, packed?, secs));
+        variants.push((name, packed?, secs));
     }
     drop(volume);
     let Some((_, packed, _)) = variants.last() else {
@@ -117,7 +120,7 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
 
     let mut peers = Vec::new();
     let mut results = Vec::new();
-    for (variant, packed, secs) in &variants {
+    for (name, packed, secs) in &variants {
         let bytes = packed.encoded.mesh.bytes();
         let field = packed.field.bytes();
         let parts = [
@@ -130,7 +133,7 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
             ("ranges", field.ranges + field.cells_before),
         ];
         peers.push(Some(Peer::packed(&packed.encoded.mesh, &packed.field)));
-        let name = format!("packed, variant {}", number(*variant));
+        let name = format!("packed, variant {name}");
         results.push(peer_result(name, &parts, num_cells, Cell::Value(*secs)));
     }
     for (kind, built) in &references {
@@ -146,6 +149,7 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
                 let mut result = peer_result(kind.name().to_owned(), &[], 1, Cell::empty(why));
                 result.bytes_per_cell = Cell::empty(why);
                 result.picture_secs = Cell::empty(why);
+                result.picture_core_secs = Cell::empty(why);
                 result.picture_difference = Cell::empty(why);
                 result.rates = Order::ALL.map(|order| empty_rate(order, why)).into();
                 results.push(result);
@@ -158,7 +162,7 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
         tracing::info!(order = order.name(), "sampling");
         let (lo, hi) = relative(&stage.bounds, packed);
         let work = match order {
-            Order::Rays => Work::Rays(&rays),
+            Order::Rays => Work::Rays(rays.every(EVERY_TILE)),
             Order::Random => Work::Blocks(orders::places(lo, hi, options.places, false)),
             Order::Morton => Work::Blocks(orders::places(lo, hi, options.places, true)),
         };
@@ -173,8 +177,9 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
     }
     tracing::info!("rendering pictures");
     let pictures = pictures(&all, &rays, &stage.table, options.repeats);
-    for (&place, (picture, secs)) in there.iter().zip(&pictures) {
-        results[place].picture_secs = Cell::Value(*secs);
+    for (&place, (picture, took)) in there.iter().zip(&pictures) {
+        results[place].picture_secs = Cell::Value(took.secs);
+        results[place].picture_core_secs = core_secs(took);
         let difference = picture.largest_difference(&pictures[0].0);
         results[place].picture_difference = Cell::Value(difference);
     }
@@ -211,6 +216,7 @@ fn peer_result(
         build_secs,
         rates: Vec::new(),
         picture_secs: Cell::empty("not rendered"),
+        picture_core_secs: Cell::empty("not rendered"),
         picture_difference: Cell::empty("not rendered"),
     }
 }
@@ -223,28 +229,31 @@ fn empty_rate(order: Order, why: &str) -> Rate {
     }
 }
 
-/// Pictures of peers that take turns, with the median seconds of each.
+/// Pictures of peers that take turns, with what each took.
 pub(super) fn pictures(
     peers: &[&Peer],
     rays: &Rays,
     table: &TransferTable,
     repeats: usize,
-) -> Vec<(Picture, f64)> {
-    let mut all_secs = vec![Vec::new(); peers.len()];
+) -> Vec<(Picture, Took)> {
+    let mut all = vec![Vec::new(); peers.len()];
     let mut pictures = Vec::new();
     for repeat in 0..repeats {
-        for (number, peer) in peers.iter().enumerate() {
-            let (picture, secs) = timed(|| picture::render(peer, rays, table));
-            all_secs[number].push(secs);
+        for (peer, took) in peers.iter().zip(&mut all) {
+            let (picture, this) = clocked(|| picture::render(peer, rays, table));
+            took.push(this);
             if repeat == 0 {
                 pictures.push(picture);
             }
         }
     }
-    pictures
-        .into_iter()
-        .zip(all_secs.into_iter().map(median))
-        .collect()
+    let took = all.iter().map(|took| medians(took));
+    pictures.into_iter().zip(took).collect()
+}
+
+/// Seconds of a core, if they are known.
+pub(super) fn core_secs(took: &Took) -> Cell<f64> {
+    took.core_secs.map_or(Cell::empty(NO_CLOCK), Cell::Value)
 }
 
 /// Frames of the renderer, with and without skipping.
@@ -256,6 +265,7 @@ fn frames(dataset: &Dataset, stage: &Stage, options: &SampleOptions) -> Vec<Fram
             skip: method.name().to_owned(),
             samples: Cell::empty(why),
             secs: Cell::empty(why),
+            core_secs: Cell::empty(why),
         };
         return methods.map(empty).collect();
     }
@@ -266,7 +276,7 @@ fn frames(dataset: &Dataset, stage: &Stage, options: &SampleOptions) -> Vec<Fram
         Ok((CpuRenderer::new(options.threads)?, scene))
     };
     let mut started = started().map_err(|e| e.to_string());
-    let mut frame = |method: SkipMethod| -> Result<(u64, f64), String> {
+    let mut frame = |method: SkipMethod| -> Result<(u64, Took), String> {
         let (renderer, scene) = started.as_mut().map_err(|e| e.clone())?;
         let settings = RenderSettings {
             width: options.pixels,
@@ -276,24 +286,30 @@ fn frames(dataset: &Dataset, stage: &Stage, options: &SampleOptions) -> Vec<Fram
         };
         let mut render = || renderer.render(scene, &settings).map_err(|e| e.to_string());
         let mut samples = render()?.frame.total_samples();
-        let mut all_secs = Vec::new();
+        let mut all = Vec::new();
         for _ in 0..options.repeats {
-            let (rendering, secs) = timed(&mut render);
+            let (rendering, took) = clocked(&mut render);
             samples = rendering?.frame.total_samples();
-            all_secs.push(secs);
+            all.push(took);
         }
-        Ok((samples, median(all_secs)))
+        Ok((samples, medians(&all)))
     };
     methods
         .map(|method| {
-            let (samples, secs) = match frame(method) {
-                Ok((samples, secs)) => (Cell::Value(samples), Cell::Value(secs)),
-                Err(why) => (Cell::empty(&why), Cell::empty(&why)),
-            };
-            FrameResult {
-                skip: method.name().to_owned(),
-                samples,
-                secs,
+            let skip = method.name().to_owned();
+            match frame(method) {
+                Ok((samples, took)) => FrameResult {
+                    skip,
+                    samples: Cell::Value(samples),
+                    secs: Cell::Value(took.secs),
+                    core_secs: core_secs(&took),
+                },
+                Err(why) => FrameResult {
+                    skip,
+                    samples: Cell::empty(&why),
+                    secs: Cell::empty(&why),
+                    core_secs: Cell::empty(&why),
+                },
             }
         })
         .collect()

@@ -3,7 +3,8 @@
 //! compared with.
 //!
 //! All take turns: each run measures every one of them once, and the median of the runs counts. Beside
-//! it stands what a core left alone would do: the best time of each small piece of the work, summed.
+//! it stands what a core does, by the clock of the process's threads, which other work on the machine
+//! changes little.
 //! Pictures here come from one plain integrator without skipping, the same for all ("all evaluations in
 //! our own, thus guaranteeing all variants to use the exact same samples", §6.3); frames of the
 //! renderer, with and without skipping, stand beside those of the packed form.
@@ -16,7 +17,7 @@ mod peers;
 mod picture;
 
 pub use orders::Order;
-pub use picture::{Picture, Rays};
+pub use picture::{Picture, Rays, Tile};
 
 use serde::{Deserialize, Serialize};
 use vacua_synth::MeshKind;
@@ -91,7 +92,7 @@ impl Default for SampleOptions {
                 cells: None,
                 shuffled: true,
             },
-            pixels: 256,
+            pixels: 512,
             places: 1 << 20,
             repeats: 5,
             threads: None,
@@ -147,7 +148,7 @@ pub struct Rate {
     pub order: Order,
     /// Samples a second: all threads, median of the runs.
     pub samples_per_sec: Cell<f64>,
-    /// Samples a second of a core left alone.
+    /// Samples a second of a core, by the clock of the process's threads: median.
     pub samples_per_core_sec: Cell<f64>,
 }
 
@@ -166,6 +167,8 @@ pub struct PeerResult {
     pub rates: Vec<Rate>,
     /// Seconds for a picture.
     pub picture_secs: Cell<f64>,
+    /// The same of all threads together.
+    pub picture_core_secs: Cell<f64>,
     /// The largest difference of a channel to the first peer's picture.
     pub picture_difference: Cell<f64>,
 }
@@ -179,6 +182,8 @@ pub struct FrameResult {
     pub samples: Cell<u64>,
     /// Median seconds.
     pub secs: Cell<f64>,
+    /// The same of all threads together.
+    pub core_secs: Cell<f64>,
 }
 
 /// One mesh.
@@ -190,7 +195,7 @@ pub struct SceneResult {
     pub size: usize,
     /// Its cells.
     pub cells: Cell<u64>,
-    /// Samples of a picture, and of ray order.
+    /// Samples of a picture.
     pub samples: u64,
     /// Packed variants and references.
     pub peers: Vec<PeerResult>,
@@ -209,6 +214,8 @@ pub struct SharePeer {
     pub ratio: Cell<f64>,
     /// Seconds for a picture.
     pub secs: Cell<f64>,
+    /// The same of all threads together.
+    pub core_secs: Cell<f64>,
 }
 
 /// A part of a mesh.

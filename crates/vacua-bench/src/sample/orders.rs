@@ -1,16 +1,14 @@
 //! Places in the orders in which samples are asked for, and the time that they take.
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use vacua_pack::block::Places;
+use vacua_pack::reference::Places;
 use vacua_simd::LANES;
 
 use super::peers::Peer;
 use super::picture::Rays;
 use crate::cell::Cell;
-use crate::timing::median;
+use crate::timing::{Took, clocked, medians};
 
 /// In which order places are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,22 +36,22 @@ impl Order {
     }
 }
 
-/// Blocks of sixteen that are timed together.
+/// Why there is no time of a core.
+pub(super) const NO_CLOCK: &str = "this system has no clock of a process's own";
+/// Blocks of sixteen that a thread takes at a time.
 const CHUNK: usize = 256;
-/// Rays that are timed together.
-pub(super) const RAYS: usize = 64;
 /// Bits a coordinate of a place on the curve.
 const MORTON_BITS: u32 = 16;
 
 /// Work to be timed.
-pub(super) enum Work<'a> {
+pub(super) enum Work {
     /// Rays of a picture.
-    Rays(&'a Rays),
+    Rays(Rays),
     /// Sixteen places at a time.
     Blocks(Vec<Places>),
 }
 
-impl Work<'_> {
+impl Work {
     /// How many samples it is.
     pub fn num_samples(&self) -> usize {
         match self {
@@ -64,30 +62,26 @@ impl Work<'_> {
 
     fn num_chunks(&self) -> usize {
         match self {
-            Self::Rays(rays) => rays.rays.len().div_ceil(RAYS),
+            Self::Rays(rays) => rays.tiles.len(),
             Self::Blocks(blocks) => blocks.len().div_ceil(CHUNK),
         }
     }
 
     /// One of its pieces. The sum keeps the compiler from leaving anything out.
     fn chunk(&self, peer: &Peer, chunk: usize) -> f32 {
-        let mut sum = 0.0;
         match self {
             Self::Rays(rays) => {
                 let mut values = Vec::new();
-                for ray in rays.rays.chunks(RAYS).nth(chunk).unwrap_or(&[]) {
-                    values.resize(ray.count, 0.0);
-                    peer.sample_ray(&ray.samples, &mut values);
-                    sum += values.iter().filter(|v| !v.is_nan()).sum::<f32>();
+                if let Some(tile) = rays.tiles.get(chunk) {
+                    peer.sample_tile(tile, &mut values);
                 }
+                values.iter().filter(|v| !v.is_nan()).sum()
             }
             Self::Blocks(blocks) => {
-                for at in blocks.chunks(CHUNK).nth(chunk).unwrap_or(&[]) {
-                    sum += peer.sample(at).0.iter().sum::<f32>();
-                }
+                let chunk = blocks.chunks(CHUNK).nth(chunk);
+                chunk.map_or(0.0, |blocks| peer.sum(blocks))
             }
         }
-        sum
     }
 }
 
@@ -129,29 +123,21 @@ fn morton(place: [f64; 3]) -> u64 {
     key
 }
 
-/// Samples a second of several peers that take turns: of all threads, and of a core left alone.
+/// Samples a second of several peers that take turns: as time passes, and of a core.
 pub(super) fn rates(peers: &[&Peer], work: &Work, repeats: usize) -> Vec<(Cell<f64>, Cell<f64>)> {
     let samples = work.num_samples() as f64;
-    let mut all_secs = vec![Vec::new(); peers.len()];
-    let mut best = vec![vec![f64::INFINITY; work.num_chunks()]; peers.len()];
+    let mut all = vec![Vec::new(); peers.len()];
     for _ in 0..repeats {
-        for (number, peer) in peers.iter().enumerate() {
-            let start = Instant::now();
-            let sum: f32 = best[number]
-                .par_iter_mut()
-                .enumerate()
-                .map(|(chunk, best)| {
-                    let start = Instant::now();
-                    let sum = work.chunk(peer, chunk);
-                    *best = best.min(start.elapsed().as_secs_f64());
-                    sum
-                })
-                .sum();
+        for (peer, took) in peers.iter().zip(&mut all) {
+            let chunks = (0..work.num_chunks()).into_par_iter();
+            let sum = || chunks.map(|chunk| work.chunk(peer, chunk)).sum::<f32>();
+            let (sum, this) = clocked(sum);
             std::hint::black_box(sum);
-            all_secs[number].push(start.elapsed().as_secs_f64());
+            took.push(this);
         }
     }
-    let of_peer = |(secs, best): (Vec<f64>, Vec<f64>)| {
+    let of_peer = |took: Vec<Took>| {
+        let Took { secs, core_secs } = medians(&took);
         let rate = |secs: f64| {
             if secs > 0.0 && samples > 0.0 {
                 Cell::Value(samples / secs)
@@ -159,9 +145,9 @@ pub(super) fn rates(peers: &[&Peer], work: &Work, repeats: usize) -> Vec<(Cell<f
                 Cell::empty("no sample lies in the mesh")
             }
         };
-        (rate(median(secs)), rate(best.iter().sum()))
+        (rate(secs), core_secs.map_or(Cell::empty(NO_CLOCK), rate))
     };
-    all_secs.into_iter().zip(best).map(of_peer).collect()
+    all.into_iter().map(of_peer).collect()
 }
 
 #[cfg(test)]

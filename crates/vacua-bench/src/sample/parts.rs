@@ -107,30 +107,27 @@ fn measured(
     peers.extend(built.map(|(reference, _)| Peer::Reference(&**reference)));
     let all: Vec<&Peer> = peers.iter().collect();
     let pictures = measure::pictures(&all, &rays, &stage.table, options.repeats);
-    let mut secs = pictures.into_iter().map(|(_, secs)| Cell::Value(secs));
-    let mut next = || secs.next().unwrap_or(Cell::empty("not rendered"));
-    let mut results = vec![SharePeer {
-        name: "packed".to_owned(),
-        bytes: Cell::Value(packed_bytes as u64),
-        ratio: Cell::Value(1.0),
-        secs: next(),
-    }];
+    let mut took = pictures.into_iter().map(|(_, took)| took);
+    let mut next = |name: &str, bytes: usize| {
+        let took = took.next();
+        SharePeer {
+            name: name.to_owned(),
+            bytes: Cell::Value(bytes as u64),
+            ratio: Cell::Value(bytes as f64 / packed_bytes as f64),
+            secs: took.map_or(Cell::empty("not rendered"), |t| Cell::Value(t.secs)),
+            core_secs: took.map_or(Cell::empty("not rendered"), |t| measure::core_secs(&t)),
+        }
+    };
+    let mut results = vec![next("packed", packed_bytes)];
     for (kind, built) in &references {
         results.push(match built {
-            Ok((reference, _)) => {
-                let bytes = reference.num_bytes();
-                SharePeer {
-                    name: kind.name().to_owned(),
-                    bytes: Cell::Value(bytes as u64),
-                    ratio: Cell::Value(bytes as f64 / packed_bytes as f64),
-                    secs: next(),
-                }
-            }
+            Ok((reference, _)) => next(kind.name(), reference.num_bytes()),
             Err(why) => SharePeer {
                 name: kind.name().to_owned(),
                 bytes: Cell::empty(why),
                 ratio: Cell::empty(why),
                 secs: Cell::empty(why),
+                core_secs: Cell::empty(why),
             },
         });
     }

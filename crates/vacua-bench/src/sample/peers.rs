@@ -1,12 +1,13 @@
 //! The packed form and what it is compared with, behind one interface.
 
-use vacua_pack::block::Places;
 use vacua_pack::reference::{
-    Cells, LinkedBvh, MinMaxBvh, RaySamples, Reference, ReferenceError, SharedFaces, TetMarch,
+    Cells, LinkedBvh, MinMaxBvh, Places, Reference, ReferenceError, SharedFaces, TetMarch,
     UserGeometry,
 };
 use vacua_pack::{BlockSampler, PackedField, PackedMesh};
 use vacua_simd::LANES;
+
+use super::picture::{TILE, TILE_RAYS, Tile};
 
 /// One way to hold a mesh, ready to be sampled.
 pub(super) enum Peer<'a> {
@@ -22,37 +23,84 @@ impl<'a> Peer<'a> {
         Self::Packed(BlockSampler::new(mesh, field, None))
     }
 
-    /// Values at sixteen places, and the lanes that have one.
-    #[inline]
-    pub fn sample(&self, at: &Places) -> ([f32; LANES], u16) {
+    /// The sum of the values at places, sixteen at a time.
+    pub fn sum(&self, blocks: &[Places]) -> f32 {
         match self {
             Self::Packed(sampler) => {
-                let sampled = sampler.sample(at, u16::MAX);
-                (sampled.values, sampled.valid)
+                let values = |at| sampler.sample(at, u16::MAX).values.iter().sum::<f32>();
+                blocks.iter().map(values).sum()
             }
             Self::Reference(reference) => {
-                let found = reference.sample(at, u16::MAX);
-                (found.values, found.valid)
+                let values = |at| {
+                    let found = reference.sample(at, u16::MAX);
+                    let is_valid = |lane: &usize| found.valid >> lane & 1 == 1;
+                    let lanes = (0..LANES).filter(is_valid);
+                    lanes.map(|lane| found.values[lane]).sum::<f32>()
+                };
+                blocks.iter().map(values).sum()
             }
         }
     }
 
-    /// Values of consecutive samples of a ray; NaN where there is none.
-    pub fn sample_ray(&self, ray: &RaySamples, values: &mut [f32]) {
-        let sampler = match self {
-            Self::Packed(sampler) => sampler,
-            Self::Reference(reference) => return reference.sample_ray(ray, values),
-        };
-        for (i, sixteen) in (0u32..).zip(values.chunks_mut(LANES)) {
-            let lanes = ((1u32 << sixteen.len()) - 1) as u16;
-            let sampled = sampler.sample(&ray.places(ray.first + LANES as u32 * i), lanes);
-            for (lane, value) in sixteen.iter_mut().enumerate() {
-                let valid = sampled.valid >> lane & 1 == 1;
-                *value = if valid {
-                    sampled.values[lane]
-                } else {
-                    f32::NAN
-                };
+    /// Values of the samples of a tile, ray after ray; NaN where there is none.
+    pub fn sample_tile(&self, tile: &Tile, values: &mut Vec<f32>) {
+        values.clear();
+        values.resize(tile.num_samples(), f32::NAN);
+        match self {
+            Self::Packed(sampler) => packed_tile(sampler, tile, values),
+            Self::Reference(reference) => {
+                let mut rest = &mut values[..];
+                for (ray, &count) in tile.rays.iter().zip(&tile.counts) {
+                    let (of_ray, more) = rest.split_at_mut(count as usize);
+                    if count > 0 {
+                        reference.sample_ray(ray, of_ray);
+                    }
+                    rest = more;
+                }
+            }
+        }
+    }
+}
+
+/// Samples of a ray in a packet.
+const IN_PACKET: usize = 4;
+
+/// The rays of a tile through the packed form: four samples of 2 × 2 rays together, which lie closest.
+fn packed_tile(sampler: &BlockSampler, tile: &Tile, values: &mut [f32]) {
+    // Where the values of each ray begin.
+    let mut places = [0; TILE_RAYS];
+    let mut next = 0;
+    for (place, &count) in places.iter_mut().zip(&tile.counts) {
+        *place = next;
+        next += count as usize;
+    }
+    let after = |i: usize| tile.rays[i].first + tile.counts[i];
+    let last = (0..TILE_RAYS).map(after).max().unwrap_or(0);
+    for k in (0..last).step_by(IN_PACKET) {
+        for group in 0..TILE_RAYS / IN_PACKET {
+            let half = TILE / 2;
+            let corner = group % half * 2 + group / half * 2 * TILE;
+            let rays = [corner, corner + 1, corner + TILE, corner + TILE + 1];
+            let mut at = [[0.0; LANES]; 3];
+            let mut lanes = 0;
+            for lane in 0..LANES {
+                let (ray, k) = (rays[lane / IN_PACKET], k + (lane % IN_PACKET) as u32);
+                let is_there = k >= tile.rays[ray].first && k < after(ray);
+                lanes |= u16::from(is_there) << lane;
+                let place = tile.rays[ray].at(k);
+                (0..3).for_each(|axis| at[axis][lane] = place[axis]);
+            }
+            if lanes == 0 {
+                continue;
+            }
+            let sampled = sampler.sample(&at, lanes);
+            let mut left = sampled.valid & lanes;
+            while left != 0 {
+                let lane = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let ray = rays[lane / IN_PACKET];
+                let k = k + (lane % IN_PACKET) as u32 - tile.rays[ray].first;
+                values[places[ray] + k as usize] = sampled.values[lane];
             }
         }
     }

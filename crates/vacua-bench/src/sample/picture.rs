@@ -8,33 +8,44 @@ use vacua_render::{Camera, Projection};
 use vacua_synth::BenchScene;
 use vacua_volume::{Bounds, TransferTable};
 
-use super::orders::RAYS;
 use super::peers::Peer;
 use crate::error::BenchError;
 
 /// Distance between samples: half the edge of a cell of the benchmark scenes.
 const STEP: f64 = 0.5;
-/// Pixels a side of a tile, whose rays follow each other.
-const TILE: usize = 8;
+/// Pixels a side of a tile.
+pub(super) const TILE: usize = 8;
+/// Samples of a ray at most.
+const MOST_SAMPLES: u32 = 1 << 24;
 
-/// A ray of a picture.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    /// Which pixel, row by row.
-    pub pixel: usize,
-    /// Its samples.
-    pub samples: RaySamples,
-    /// How many there are.
-    pub count: usize,
+/// Rays of a tile at most.
+pub(super) const TILE_RAYS: usize = TILE * TILE;
+
+/// The rays of a tile, row by row, that count their samples from a common distance on.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    /// Which pixels.
+    pub pixels: [usize; TILE_RAYS],
+    /// Where samples are; none where a ray misses.
+    pub rays: [RaySamples; TILE_RAYS],
+    /// How many samples each ray has.
+    pub counts: [u32; TILE_RAYS],
 }
 
-/// The rays of a picture that meet the box around a mesh, tile by tile.
+impl Tile {
+    /// Samples of all its rays.
+    pub fn num_samples(&self) -> usize {
+        self.counts.iter().map(|&n| n as usize).sum()
+    }
+}
+
+/// The rays of a picture that meet the box around a mesh.
 #[derive(Clone, Debug)]
 pub struct Rays {
     /// Pixels a side.
     pub pixels: usize,
-    /// The rays.
-    pub rays: Vec<Ray>,
+    /// The tiles that any ray of meets it.
+    pub tiles: Vec<Tile>,
 }
 
 impl Rays {
@@ -48,44 +59,68 @@ impl Rays {
         origin: [f64; 3],
         pixels: usize,
     ) -> Result<Self, BenchError> {
-        let camera = camera(scene);
-        let view = camera.view(bounds, pixels, pixels)?;
-        let tiles = pixels.div_ceil(TILE);
-        let mut rays = Vec::new();
-        for i in 0..tiles * tiles * TILE * TILE {
-            let (tile, within) = (i / (TILE * TILE), i % (TILE * TILE));
-            let x = tile % tiles * TILE + within % TILE;
-            let y = tile / tiles * TILE + within / TILE;
-            if x >= pixels || y >= pixels {
+        let view = camera(scene).view(bounds, pixels, pixels)?;
+        let a_side = pixels.div_ceil(TILE);
+        let mut tiles = Vec::new();
+        for number in 0..a_side * a_side {
+            // Eye, direction and numbers of the first and last sample.
+            let mut found = [None; TILE_RAYS];
+            let mut pixels_of = [0; TILE_RAYS];
+            for (i, found) in found.iter_mut().enumerate() {
+                let x = number % a_side * TILE + i % TILE;
+                let y = number / a_side * TILE + i / TILE;
+                if x >= pixels || y >= pixels {
+                    continue;
+                }
+                pixels_of[i] = y * pixels + x;
+                let (eye, direction) = view.ray(x as f64 + 0.5, y as f64 + 0.5);
+                let a = (bounds.lo - eye) / direction;
+                let b = (bounds.hi - eye) / direction;
+                let enter = a.min(b).max_element().max(0.0);
+                let leave = a.max(b).min_element();
+                // Samples at multiples of the step from the camera on.
+                let (first, last) = ((enter / STEP).ceil(), (leave / STEP).floor());
+                *found = (first <= last && last - first < f64::from(MOST_SAMPLES))
+                    .then_some((eye, direction, first, last));
+            }
+            let firsts = found.iter().flatten().map(|ray| ray.2);
+            let base = firsts.fold(f64::INFINITY, f64::min);
+            if base == f64::INFINITY {
                 continue;
             }
-            let (eye, direction) = view.ray(x as f64 + 0.5, y as f64 + 0.5);
-            let a = (bounds.lo - eye) / direction;
-            let b = (bounds.hi - eye) / direction;
-            let enter = a.min(b).max_element().max(0.0);
-            let leave = a.max(b).min_element();
-            // Samples at multiples of the step from the camera on.
-            let (first, last) = ((enter / STEP).ceil(), (leave / STEP).floor());
-            if !(first <= last && last < f64::from(u32::MAX)) {
-                continue;
-            }
-            let start = eye + first * STEP * direction - DVec3::from_array(origin);
-            rays.push(Ray {
-                pixel: y * pixels + x,
-                samples: RaySamples {
+            let mut tile = Tile {
+                pixels: pixels_of,
+                rays: [RaySamples::default(); TILE_RAYS],
+                counts: [0; TILE_RAYS],
+            };
+            for (i, ray) in found.into_iter().enumerate() {
+                let Some((eye, direction, first, last)) = ray else {
+                    continue;
+                };
+                let start = eye + base * STEP * direction - DVec3::from_array(origin);
+                tile.rays[i] = RaySamples {
                     start: start.to_array().map(|c| c as f32),
                     step: direction.to_array().map(|d| (STEP * d) as f32),
-                    first: 0,
-                },
-                count: (last - first) as usize + 1,
-            });
+                    first: (first - base) as u32,
+                };
+                tile.counts[i] = (last - first) as u32 + 1;
+            }
+            tiles.push(tile);
         }
-        Ok(Self { pixels, rays })
+        Ok(Self { pixels, tiles })
     }
 
     /// Samples of all rays.
     pub fn num_samples(&self) -> usize {
-        self.rays.iter().map(|ray| ray.count).sum()
+        self.tiles.iter().map(Tile::num_samples).sum()
+    }
+
+    /// Every so many tiles.
+    pub fn every(&self, nth: usize) -> Self {
+        Self {
+            pixels: self.pixels,
+            tiles: self.tiles.iter().step_by(nth.max(1)).cloned().collect(),
+        }
     }
 }
 
@@ -118,22 +153,27 @@ impl Picture {
 
 /// Renders the picture of one peer.
 pub(super) fn render(peer: &Peer, rays: &Rays, table: &TransferTable) -> Picture {
-    let tiles: Vec<Vec<(usize, [f32; 4])>> = rays
-        .rays
-        .par_chunks(RAYS)
-        .map(|rays| {
+    let tiles: Vec<[[f32; 4]; TILE_RAYS]> = rays
+        .tiles
+        .par_iter()
+        .map(|tile| {
             let mut values = Vec::new();
-            let of_ray = |ray: &Ray| {
-                values.resize(ray.count, 0.0);
-                peer.sample_ray(&ray.samples, &mut values);
-                (ray.pixel, composite(&values, table))
-            };
-            rays.iter().map(of_ray).collect()
+            peer.sample_tile(tile, &mut values);
+            let mut rest = &values[..];
+            let mut colors = [[0.0; 4]; TILE_RAYS];
+            for (color, &count) in colors.iter_mut().zip(&tile.counts) {
+                let (of_ray, more) = rest.split_at(count as usize);
+                *color = composite(of_ray, table);
+                rest = more;
+            }
+            colors
         })
         .collect();
     let mut rgba = vec![[0.0; 4]; rays.pixels * rays.pixels];
-    for (pixel, color) in tiles.into_iter().flatten() {
-        rgba[pixel] = color;
+    for (tile, colors) in rays.tiles.iter().zip(tiles) {
+        for i in (0..TILE_RAYS).filter(|&i| tile.counts[i] > 0) {
+            rgba[tile.pixels[i]] = colors[i];
+        }
     }
     Picture { rgba }
 }

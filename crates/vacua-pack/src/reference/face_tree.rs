@@ -4,9 +4,11 @@
 //! 160 bytes (16 less than there, for there is but one geometry). Rays are `f64`; a triangle is met a little beyond its edges too, so that no ray passes
 //! between two that share one.
 
+use vacua_simd::per_axis;
+
 use super::NONE;
 use super::tree::{self, Box3, WIDTH, WideChild, WideNode};
-use super::weigh::Vec3;
+use super::weigh::{Vec3, cross, dot};
 
 /// Triangles of a leaf.
 const TRIANGLES: usize = 4;
@@ -96,9 +98,9 @@ impl FaceTree {
     /// The first triangle that a line meets from `from` on.
     #[inline(always)]
     pub fn first_hit(&self, line: &Line, from: f64) -> Option<Hit> {
-        let inverse = [0, 1, 2].map(|a| {
+        // A huge number instead of infinity: 0 · ∞ is no number.
+        let inverse = per_axis!(a => {
             let d = line.direction[a];
-            // A huge number instead of infinity: 0 · ∞ is no number.
             if d == 0.0 { 1e300 } else { 1.0 / d }
         });
         let mut best = Hit {
@@ -158,18 +160,18 @@ impl Triangles {
         let mut t = [f64::INFINITY; TRIANGLES];
         let mut along = [0.0; TRIANGLES];
         for i in 0..TRIANGLES {
-            let corner = |k: usize| [0, 1, 2].map(|a| f64::from(self.corners[k][a][i]));
-            let (a, b, c) = (corner(0), corner(1), corner(2));
-            let sub = |p: Vec3, q: Vec3| [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-            let (b, c, o) = (sub(b, a), sub(c, a), sub(line.origin, a));
-            let p = super::weigh::cross(line.direction, c);
-            let q = super::weigh::cross(o, b);
+            let a = per_axis!(axis => f64::from(self.corners[0][axis][i]));
+            let b = per_axis!(axis => f64::from(self.corners[1][axis][i]) - a[axis]);
+            let c = per_axis!(axis => f64::from(self.corners[2][axis][i]) - a[axis]);
+            let o = per_axis!(axis => line.origin[axis] - a[axis]);
+            let p = cross(line.direction, c);
+            let q = cross(o, b);
             // b · (d × c) = −d · (b × c)
-            along[i] = -super::weigh::dot(b, p);
+            along[i] = -dot(b, p);
             let inverse = -1.0 / along[i];
-            let u = super::weigh::dot(o, p) * inverse;
-            let v = super::weigh::dot(line.direction, q) * inverse;
-            let at = super::weigh::dot(c, q) * inverse;
+            let u = dot(o, p) * inverse;
+            let v = dot(line.direction, q) * inverse;
+            let at = dot(c, q) * inverse;
             let inside = (u >= -BEYOND) & (v >= -BEYOND) & (u + v <= 1.0 + BEYOND);
             t[i] = if inside & (at >= from) { at } else { t[i] };
         }

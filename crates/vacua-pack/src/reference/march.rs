@@ -6,7 +6,7 @@
 //! faces do not match, marching may end in another one than a search would; paper B, §7.1, says so of
 //! all such methods.
 
-use vacua_simd::{Kernel, LANES, Simd, dispatch};
+use vacua_simd::{Kernel, LANES, Simd, dispatch, per_axis};
 use vacua_volume::CellType;
 
 use super::face_tree::Line;
@@ -70,14 +70,15 @@ pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 
 #[inline(always)]
 fn exit<N: Net>(net: &N, line: &Line, tet: &Tet, from: u32) -> (f64, u32) {
     let corner = |k: usize| {
-        let [x, y, z, _] = net.vertex(tet.corners[k]);
-        sub([x, y, z].map(f64::from), line.origin)
+        let vertex = net.vertex(tet.corners[k]);
+        per_axis!(a => f64::from(vertex[a]) - line.origin[a])
     };
     let corners = [corner(0), corner(1), corner(2), corner(3)];
     let (mut leaves_at, mut next) = (f64::INFINITY, NONE);
     for k in 0..4 {
         let neighbour = tet.neighbours[k];
-        let [a, b, c] = FACES[k].map(|corner| corners[corner]);
+        let [a, b, c] = FACES[k];
+        let (a, b, c) = (corners[a], corners[b], corners[c]);
         let normal = cross(sub(b, a), sub(c, a));
         let toward = dot(normal, sub(corners[k], a));
         let rate = dot(normal, line.direction);

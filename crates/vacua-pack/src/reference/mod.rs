@@ -40,7 +40,7 @@ pub use user_geometry::UserGeometry;
 use vacua_simd::LANES;
 use vacua_volume::{Association, CellType};
 
-use crate::block::Places;
+pub use crate::block::Places;
 
 /// No cell, tetrahedron or face.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -119,7 +119,7 @@ impl Found {
 
 /// Consecutive samples of a ray: number `k` lies at `fma(k, step, start)`, axis by axis, relative to
 /// the mesh's origin (see [`crate::PackedMesh::origin`]).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RaySamples {
     /// Where sample 0 is.
     pub start: [f32; 3],

@@ -214,7 +214,7 @@ pub(super) fn hexahedra(p: &[Vectors; 8], lanes: u8) -> HexWeights {
     let mut off = [0.0; WIDE];
     for l in 0..WIDE {
         let [r, s, t] = [x[0][l], x[1][l], x[2][l]];
-        let near = |c: f64| (c >= -TOLERANCE) & (c <= 1.0 + TOLERANCE);
+        let near = |c: f64| (-TOLERANCE..=1.0 + TOLERANCE).contains(&c);
         off[l] = if near(r) & near(s) & near(t) {
             0.0
         } else {
