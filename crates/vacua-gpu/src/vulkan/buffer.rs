@@ -60,16 +60,11 @@ impl Buffer {
         place: Place,
     ) -> Result<Self, GpuError> {
         let size_bytes = size_bytes.max(16).next_multiple_of(16);
-        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
-            | vk::BufferUsageFlags::UNIFORM_BUFFER
-            | vk::BufferUsageFlags::TRANSFER_SRC
-            | vk::BufferUsageFlags::TRANSFER_DST
-            | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
         let create = vk::BufferCreateInfo::default()
             .size(size_bytes)
-            .usage(usage);
+            .usage(device.buffer_usage());
         let name = device.name();
-        // SAFETY: the size is positive, the usage needs no extension.
+        // SAFETY: the size is positive, the usage is what the device was opened for.
         let raw =
             unsafe { device.raw().create_buffer(&create, None) }.named("making a buffer", name)?;
         let mut buffer = Self {

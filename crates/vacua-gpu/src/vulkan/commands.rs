@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use ash::vk;
+use bytemuck::Pod;
 
 use super::{Buffer, ComputePipeline, Device, Layers, Layout, Named};
 use crate::error::GpuError;
-use crate::shared::Push;
 
 /// Most stages that are timed in one submission.
 const MAX_STAGES: u32 = 64;
@@ -181,7 +181,7 @@ impl Recorder<'_> {
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
             .dst_access_mask(access | vk::AccessFlags::HOST_READ)];
-        let from = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let from = self.commands.device.pipeline_stages() | vk::PipelineStageFlags::TRANSFER;
         // SAFETY: recording has begun.
         unsafe {
             self.raw().cmd_pipeline_barrier(
@@ -197,15 +197,15 @@ impl Recorder<'_> {
     }
 
     /// Runs a shader over workgroups.
-    pub fn dispatch(&self, pipeline: &ComputePipeline, push: &Push, groups: [u32; 3]) {
+    pub fn dispatch(&self, pipeline: &ComputePipeline, push: &impl Pod, groups: [u32; 3]) {
         let (raw, buffer, layout) = (self.raw(), self.commands.buffer, self.layout.raw());
         let point = vk::PipelineBindPoint::COMPUTE;
-        // SAFETY: pipeline and set have this layout; `Push` is its block of push constants;
+        // SAFETY: pipeline and set have this layout; `push` fits into its push constants;
         // workgroup counts are below 65536, which every device allows.
         unsafe {
             raw.cmd_bind_pipeline(buffer, point, pipeline.raw());
             raw.cmd_bind_descriptor_sets(buffer, point, layout, 0, &[self.layout.set()], &[]);
-            let stages = vk::ShaderStageFlags::COMPUTE;
+            let stages = self.commands.device.shader_stages();
             raw.cmd_push_constants(buffer, layout, stages, 0, bytemuck::bytes_of(push));
             raw.cmd_dispatch(buffer, groups[0], groups[1], groups[2]);
         }

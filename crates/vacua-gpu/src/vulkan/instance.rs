@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ash::vk;
 
+use super::ray_tracing::RayTracing;
 use super::{Device, Named};
 use crate::error::GpuError;
 
@@ -79,6 +80,19 @@ pub struct DeviceInfo {
     pub(crate) max_side: u32,
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
+    pub(crate) ray_tracing: Option<RayTracing>,
+}
+
+impl DeviceInfo {
+    /// Whether it has acceleration structures and ray tracing pipelines.
+    pub fn has_ray_tracing(&self) -> bool {
+        self.ray_tracing.is_some_and(|r| r.has_pipelines)
+    }
+
+    /// Whether compute shaders may ask acceleration structures themselves.
+    pub fn has_ray_queries(&self) -> bool {
+        self.ray_tracing.is_some_and(|r| r.has_queries)
+    }
 }
 
 impl fmt::Display for DeviceInfo {
@@ -302,8 +316,10 @@ impl Instance {
         let has_budget = extensions
             .iter()
             .any(|e| e.extension_name_as_c_str() == Ok(ash::ext::memory_budget::NAME));
+        let ray_tracing = RayTracing::describe(&self.raw, physical, &extensions);
         DeviceInfo {
             number,
+            ray_tracing,
             name: base
                 .device_name_as_c_str()
                 .map(|name| name.to_string_lossy().into_owned())

@@ -7,6 +7,7 @@ mod device;
 mod image;
 mod instance;
 mod pipeline;
+mod ray_tracing;
 
 pub(crate) use buffer::{Buffer, Place};
 pub use commands::Timings;

@@ -9,6 +9,9 @@ use super::{Buffer, Device, Layers, Named, Sampler};
 use crate::error::GpuError;
 use crate::shared::{MAX_SLABS, Push};
 
+/// Where shaders find the acceleration structure, on devices that have them.
+const SCENE_BINDING: u32 = 2;
+
 /// A value that specialises a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Constant {
@@ -18,7 +21,8 @@ pub(crate) struct Constant {
     pub bits: u32,
 }
 
-/// What all pipelines are given: binding 0 the parameters, binding 1 the images.
+/// What all pipelines are given: binding 0 the parameters, binding 1 the images,
+/// and where there is ray tracing binding 2 the acceleration structure.
 pub(crate) struct Layout {
     device: Arc<Device>,
     set_layout: vk::DescriptorSetLayout,
@@ -43,25 +47,35 @@ impl Layout {
         };
         let raw = device.raw();
         let name = device.name();
-        let bindings = [
+        let stages = device.shader_stages();
+        let has_scene = device.info().ray_tracing.is_some();
+        let mut bindings = vec![
             vk::DescriptorSetLayoutBinding::default()
                 .binding(0)
                 .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER)
                 .descriptor_count(1)
-                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+                .stage_flags(stages),
             vk::DescriptorSetLayoutBinding::default()
                 .binding(1)
                 .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
                 .descriptor_count(MAX_SLABS as u32)
-                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+                .stage_flags(stages),
         ];
+        if has_scene {
+            let scene = vk::DescriptorSetLayoutBinding::default()
+                .binding(SCENE_BINDING)
+                .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+                .descriptor_count(1)
+                .stage_flags(stages);
+            bindings.push(scene);
+        }
         let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         // SAFETY: pointers in `create` outlive the call; likewise below.
         layout.set_layout = unsafe { raw.create_descriptor_set_layout(&create, None) }
             .named("making a descriptor layout", name)?;
         let sets = [layout.set_layout];
         let push = [vk::PushConstantRange::default()
-            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .stage_flags(stages)
             .size(size_of::<Push>() as u32)];
         let create = vk::PipelineLayoutCreateInfo::default()
             .set_layouts(&sets)
@@ -69,7 +83,7 @@ impl Layout {
         // SAFETY: the set layout is alive.
         layout.pipeline_layout = unsafe { raw.create_pipeline_layout(&create, None) }
             .named("making a pipeline layout", name)?;
-        let sizes = [
+        let mut sizes = vec![
             vk::DescriptorPoolSize::default()
                 .ty(vk::DescriptorType::UNIFORM_BUFFER)
                 .descriptor_count(1),
@@ -77,6 +91,12 @@ impl Layout {
                 .ty(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
                 .descriptor_count(MAX_SLABS as u32),
         ];
+        if has_scene {
+            let scene = vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+                .descriptor_count(1);
+            sizes.push(scene);
+        }
         let create = vk::DescriptorPoolCreateInfo::default()
             .max_sets(1)
             .pool_sizes(&sizes);
@@ -125,6 +145,22 @@ impl Layout {
         ];
         // SAFETY: submissions are waited for, so the set is not in use; all objects are alive.
         unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) }
+    }
+
+    /// Points binding 2 to an acceleration structure.
+    pub fn bind_scene(&mut self, scene: vk::AccelerationStructureKHR) {
+        let scenes = [scene];
+        let mut link = vk::WriteDescriptorSetAccelerationStructureKHR::default()
+            .acceleration_structures(&scenes);
+        let mut write = vk::WriteDescriptorSet::default()
+            .dst_set(self.set)
+            .dst_binding(SCENE_BINDING)
+            .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+            .push_next(&mut link);
+        write.descriptor_count = 1;
+        // SAFETY: submissions are waited for, so the set is not in use; it has this binding on
+        // every device that can make acceleration structures.
+        unsafe { self.device.raw().update_descriptor_sets(&[write], &[]) }
     }
 
     pub fn raw(&self) -> vk::PipelineLayout {
