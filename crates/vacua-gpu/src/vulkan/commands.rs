@@ -5,7 +5,7 @@ use std::sync::Arc;
 use ash::vk;
 use bytemuck::Pod;
 
-use super::{Buffer, ComputePipeline, Device, Layers, Layout, Named};
+use super::{Buffer, ComputePipeline, Device, Layers, Layout, Named, RayPipeline};
 use crate::error::GpuError;
 
 /// Most stages that are timed in one submission.
@@ -144,6 +144,11 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
+    /// What is being recorded into.
+    pub(super) fn raw_commands(&self) -> vk::CommandBuffer {
+        self.commands.buffer
+    }
+
     fn raw(&self) -> &ash::Device {
         self.commands.device.raw()
     }
@@ -211,6 +216,29 @@ impl Recorder<'_> {
         }
     }
 
+    /// Runs the ray generation shader of a pipeline, an invocation each of width and height.
+    pub fn trace(&self, pipeline: &RayPipeline, push: &impl Pod, [width, height]: [u32; 2]) {
+        let Some(functions) = self.commands.device.ray_functions() else {
+            return;
+        };
+        let Some(functions) = &functions.pipelines else {
+            return;
+        };
+        let (raw, buffer, layout) = (self.raw(), self.commands.buffer, self.layout.raw());
+        let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
+        let [generation, miss, hit] = pipeline.tables();
+        let none = vk::StridedDeviceAddressRegionKHR::default();
+        // SAFETY: pipeline and set have this layout, the set an acceleration structure that is
+        // built; `push` fits into its push constants; the tables hold the pipeline's own groups.
+        unsafe {
+            raw.cmd_bind_pipeline(buffer, point, pipeline.raw());
+            raw.cmd_bind_descriptor_sets(buffer, point, layout, 0, &[self.layout.set()], &[]);
+            let stages = self.commands.device.shader_stages();
+            raw.cmd_push_constants(buffer, layout, stages, 0, bytemuck::bytes_of(push));
+            functions.cmd_trace_rays(buffer, generation, miss, hit, &none, width, height, 1);
+        }
+    }
+
     /// Writes up to 64 KiB, a multiple of 4 bytes, into a buffer.
     pub fn write(&self, to: &Buffer, bytes: &[u8]) {
         debug_assert!(bytes.len() <= 1 << 16 && bytes.len() as u64 <= to.size_bytes());
@@ -232,8 +260,22 @@ impl Recorder<'_> {
 
     /// Copies the first bytes of one buffer to a place in another.
     pub fn copy(&self, from: &Buffer, to: &Buffer, to_offset: u64, bytes: u64) {
-        debug_assert!(bytes <= from.size_bytes() && to_offset + bytes <= to.size_bytes());
-        let region = [vk::BufferCopy::default().dst_offset(to_offset).size(bytes)];
+        self.copy_between((from, 0), (to, to_offset), bytes);
+    }
+
+    /// Copies bytes from a place in one buffer to a place in another.
+    pub fn copy_between(
+        &self,
+        (from, from_offset): (&Buffer, u64),
+        (to, to_offset): (&Buffer, u64),
+        bytes: u64,
+    ) {
+        debug_assert!(from_offset + bytes <= from.size_bytes());
+        debug_assert!(to_offset + bytes <= to.size_bytes());
+        let region = [vk::BufferCopy::default()
+            .src_offset(from_offset)
+            .dst_offset(to_offset)
+            .size(bytes)];
         // SAFETY: the region lies within both.
         unsafe {
             self.raw()

@@ -167,6 +167,14 @@ impl Layout {
         self.pipeline_layout
     }
 
+    pub(super) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    pub(super) fn cache(&self) -> vk::PipelineCache {
+        self.cache
+    }
+
     pub fn set(&self) -> vk::DescriptorSet {
         self.set
     }
@@ -185,6 +193,60 @@ impl Drop for Layout {
     }
 }
 
+/// A compiled shader, needed while pipelines are made.
+pub(super) struct Module<'a> {
+    device: &'a Device,
+    raw: vk::ShaderModule,
+}
+
+impl<'a> Module<'a> {
+    pub fn new(device: &'a Device, spirv: &[u32]) -> Result<Self, GpuError> {
+        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
+        // SAFETY: the code is SPIR-V that glslang wrote.
+        let raw = unsafe { device.raw().create_shader_module(&create, None) }
+            .named("loading a shader", device.name())?;
+        Ok(Self { device, raw })
+    }
+
+    pub fn raw(&self) -> vk::ShaderModule {
+        self.raw
+    }
+}
+
+impl Drop for Module<'_> {
+    fn drop(&mut self) {
+        // SAFETY: pipelines keep what they need of the module.
+        unsafe { self.device.raw().destroy_shader_module(self.raw, None) }
+    }
+}
+
+/// Values of constants, as pipelines are made with them.
+pub(super) struct Special {
+    entries: Vec<vk::SpecializationMapEntry>,
+    bits: Vec<u32>,
+}
+
+impl Special {
+    pub fn new(constants: &[Constant]) -> Self {
+        let entry = |(i, constant): (usize, &Constant)| {
+            vk::SpecializationMapEntry::default()
+                .constant_id(constant.id)
+                .offset(4 * i as u32)
+                .size(4)
+        };
+        Self {
+            entries: constants.iter().enumerate().map(entry).collect(),
+            bits: constants.iter().map(|c| c.bits).collect(),
+        }
+    }
+
+    pub fn info(&self) -> vk::SpecializationInfo<'_> {
+        vk::SpecializationInfo::default()
+            .map_entries(&self.entries)
+            .data(bytemuck::cast_slice(&self.bits))
+    }
+}
+
 /// A compute shader, specialised and ready.
 pub(crate) struct ComputePipeline {
     device: Arc<Device>,
@@ -196,29 +258,14 @@ impl ComputePipeline {
     pub fn new(layout: &Layout, spirv: &[u32], constants: &[Constant]) -> Result<Self, GpuError> {
         let device = &layout.device;
         let name = device.name();
-        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
-        // SAFETY: the code is SPIR-V that glslang wrote.
-        let module = unsafe { device.raw().create_shader_module(&create, None) }
-            .named("loading a shader", name)?;
-        let entries: Vec<vk::SpecializationMapEntry> = constants
-            .iter()
-            .enumerate()
-            .map(|(i, constant)| {
-                vk::SpecializationMapEntry::default()
-                    .constant_id(constant.id)
-                    .offset(4 * i as u32)
-                    .size(4)
-            })
-            .collect();
-        let bits: Vec<u32> = constants.iter().map(|c| c.bits).collect();
-        let special = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(bytemuck::cast_slice(&bits));
+        let module = Module::new(device, spirv)?;
+        let special = Special::new(constants);
+        let info = special.info();
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
-            .module(module)
+            .module(module.raw())
             .name(c"main")
-            .specialization_info(&special);
+            .specialization_info(&info);
         let create = [vk::ComputePipelineCreateInfo::default()
             .stage(stage)
             .layout(layout.pipeline_layout)];
@@ -228,8 +275,6 @@ impl ComputePipeline {
                 .raw()
                 .create_compute_pipelines(layout.cache, &create, None)
         };
-        // SAFETY: pipelines keep what they need of the module.
-        unsafe { device.raw().destroy_shader_module(module, None) };
         let made = made
             .map_err(|(_, result)| result)
             .named("compiling a shader", name)?;
