@@ -8,7 +8,7 @@ use vacua_gpu::DeviceChoice;
 use vacua_synth::{Kind, parse_size};
 
 use crate::auto::{self, AutoOptions};
-use crate::gpu::{self, GpuOptions};
+use crate::gpu::{self, GpuMethod, GpuOptions};
 use crate::render::{self, RenderOptions};
 use crate::skip::{self, Model, SkipOptions};
 
@@ -20,6 +20,9 @@ pub enum Command {
         /// Volumes to measure on: heptane, flower, dns, llnl; all if none are named.
         #[arg(long, value_delimiter = ',')]
         models: Vec<Model>,
+        /// Measure on a GPU: gpu, or gpu:N. On the CPU if not given.
+        #[arg(long)]
+        device: Option<DeviceChoice>,
         /// What all take.
         #[command(flatten)]
         common: Common,
@@ -35,7 +38,7 @@ pub enum Command {
     },
     /// Skipping on a GPU: frames by method and macrocell size, and edits of the transfer function.
     Gpu {
-        /// gpu, or gpu:N.
+        /// gpu, gpu:N, or gpu:all to measure several devices together too.
         #[arg(long, default_value = "gpu")]
         device: DeviceChoice,
         /// Volumes to measure on.
@@ -47,6 +50,12 @@ pub enum Command {
         /// Reaches of the distance map.
         #[arg(long, value_delimiter = ',', default_value = "1,16")]
         reaches: Vec<u8>,
+        /// Ways to skip, besides none: grid, mesh, query, boxes, auto.
+        #[arg(long, value_delimiter = ',', default_value = "grid,auto")]
+        methods: Vec<GpuMethod>,
+        /// Measures how acceleration structures over the boundary are built.
+        #[arg(long)]
+        structures: bool,
         /// Measures gradient shading too.
         #[arg(long)]
         shaded: bool,
@@ -103,7 +112,11 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 /// If it cannot be measured at all; what fails for one cell of a table is said in that cell.
 pub fn run(command: Command) -> Outcome {
     match command {
-        Command::Skip { models, common } => run_skip(models, common),
+        Command::Skip {
+            models,
+            device,
+            common,
+        } => run_skip(models, device, common),
         Command::Auto { points, common } => run_auto(points, common),
         Command::Render { common } => run_render(common),
         Command::Gpu {
@@ -111,6 +124,8 @@ pub fn run(command: Command) -> Outcome {
             kinds,
             points,
             reaches,
+            methods,
+            structures,
             shaded,
             pictures,
             common,
@@ -122,6 +137,8 @@ pub fn run(command: Command) -> Outcome {
             repeats: common.repeats.unwrap_or(10),
             sides: common.sides.unwrap_or(vec![8, 16]),
             reaches,
+            methods,
+            structures,
             shaded,
             pictures,
         })
@@ -133,7 +150,7 @@ pub fn run(command: Command) -> Outcome {
 /// Text to print.
 type Outcome = Result<String, Box<dyn std::error::Error + Send + Sync>>;
 
-fn run_skip(models: Vec<Model>, common: Common) -> Outcome {
+fn run_skip(models: Vec<Model>, device: Option<DeviceChoice>, common: Common) -> Outcome {
     let defaults = if common.quick {
         SkipOptions::quick()
     } else {
@@ -151,6 +168,7 @@ fn run_skip(models: Vec<Model>, common: Common) -> Outcome {
             models
         },
         quick: common.quick,
+        device,
     })?;
     text(&results, common.json, || results.markdown())
 }

@@ -12,6 +12,8 @@ mod cell;
 pub mod command;
 mod error;
 pub mod gpu;
+pub mod gpu_group;
+pub mod gpu_structures;
 mod machine;
 pub mod paper;
 pub mod render;
