@@ -3,20 +3,25 @@
 
 mod common;
 
-use std::sync::Arc;
-
 use common::*;
 use vacua_gpu::{GpuOptions, GpuRenderer};
 use vacua_render::contract::RaySpace;
-use vacua_render::{Integrator, RenderSettings, Renderer, Scene, SkipMethod};
+use vacua_render::{Integrator, RenderSettings, Renderer, Scene, SceneData, SkipMethod};
 use vacua_skip::{
     ActiveMask, Activity, BoundaryMesh, Lattice, MAX_CELLS_PER_AXIS, Macrocells, PointSource,
 };
 use vacua_volume::{Association, Geometry, Scalar, TransferTable, ValueMap, ValueScale, Volume};
 
+fn volume_of(scene: &Scene) -> &Volume {
+    match &scene.data {
+        SceneData::Volume(volume) => volume,
+        SceneData::Packed(_) => panic!("no encoded mesh here"),
+    }
+}
+
 /// The CPU's macrocells and mask.
 fn on_host(scene: &Scene, side: usize, integrator: Integrator) -> (Macrocells, ActiveMask) {
-    let volume: &Arc<Volume> = &scene.volume;
+    let volume = volume_of(scene);
     let space = match &**volume.geometry() {
         Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
         Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
@@ -79,7 +84,7 @@ fn check(gpu: &mut GpuRenderer, what: &str, scene: &Scene, side: usize, integrat
     let found = gpu.ranges(side).expect("a device").expect("ranges");
     assert_eq!(found.len(), len, "{what}");
     // Some devices (lavapipe) give integers back with a rounding: n / 255 · 255 is not n there.
-    let is_rounded = scene.volume.scalars().scalar_type().size_bytes() <= 2;
+    let is_rounded = volume_of(scene).scalars().scalar_type().size_bytes() <= 2;
     let slack = if is_rounded { 2.0 * f32::EPSILON } else { 0.0 };
     for (i, [lo, hi]) in found.into_iter().enumerate() {
         let Some(expected) = cells.range(i) else {
