@@ -209,7 +209,7 @@ fn too_few(cells: &[FrameResult], index: usize, samples: u64) -> Option<String> 
 
 /// What renders.
 enum Player {
-    Cpu(CpuRenderer),
+    Cpu(Box<CpuRenderer>),
     Gpu(Box<GpuRenderer>),
 }
 
@@ -227,7 +227,7 @@ impl Theatre {
         let (width, height) = options.size;
         Ok(Self {
             player: match options.device {
-                None => Player::Cpu(CpuRenderer::new(options.threads)?),
+                None => Player::Cpu(Box::new(CpuRenderer::new(options.threads)?)),
                 Some(choice) => Player::Gpu(Box::new(GpuRenderer::new(choice)?)),
             },
             scenes: [look, other].map(|look| Scene::new(volume.clone(), look)),
