@@ -23,6 +23,9 @@ use crate::vulkan::{
 /// Numbers of a box: two corners.
 const BOX_NUMBERS: usize = 6;
 
+/// Most faces whose corners shaders can number.
+const MOST_FACES: u32 = 1 << 27;
+
 /// What an outline depends on, besides volume and transfer function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OutlineKey {
@@ -60,17 +63,7 @@ struct Lower {
 
 impl Outline {
     fn shapes(&self) -> Shapes {
-        let address = self.corners.address();
-        match self.key.method {
-            SkipMethod::Boxes => Shapes::Boxes {
-                address,
-                num: self.capacity,
-            },
-            _ => Shapes::Triangles {
-                address,
-                num: 2 * self.capacity,
-            },
-        }
+        shapes(self.key.method, &self.corners, self.capacity)
     }
 
     /// The method that it is for.
@@ -93,6 +86,21 @@ impl Outline {
             r.barrier();
             r.build(&self.upper, shapes, false);
         });
+    }
+}
+
+/// What a structure is built over.
+fn shapes(method: SkipMethod, corners: &Buffer, capacity: u32) -> Shapes {
+    let address = corners.address();
+    match method {
+        SkipMethod::Boxes => Shapes::Boxes {
+            address,
+            num: capacity,
+        },
+        _ => Shapes::Triangles {
+            address,
+            num: 2 * capacity,
+        },
     }
 }
 
@@ -187,6 +195,9 @@ impl GpuRenderer {
         })?;
         let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..8]);
         let num = counted[1];
+        if num > MOST_FACES {
+            return Err(self.unsupported(&format!("a boundary of {num} faces")));
+        }
         let options = self.options.structures;
         // To be moved later, a structure has to have room for more shapes than there are.
         let wanted = if options.refit { num + num / 4 } else { num }.max(1);
@@ -328,17 +339,7 @@ impl GpuRenderer {
         }
         let faces = grown(self, faces, face_bytes)?;
         let corners = grown(self, corners, corner_bytes)?;
-        let address = corners.address();
-        let shapes = match key.method {
-            SkipMethod::Boxes => Shapes::Boxes {
-                address,
-                num: capacity,
-            },
-            _ => Shapes::Triangles {
-                address,
-                num: 2 * capacity,
-            },
-        };
+        let over = shapes(key.method, &corners, capacity);
         let options = key.options;
         let mode = BuildMode {
             preference: options.preference,
@@ -347,7 +348,7 @@ impl GpuRenderer {
         };
         let lower = match lower {
             Some(lower) if is_update => lower,
-            older => Structure::new(&self.device, shapes, mode, older)?,
+            older => Structure::new(&self.device, over, mode, older)?,
         };
         let instance = Buffer::new(&self.device, "an instance", 64, Place::Device)?;
         let above = Shapes::Instance {
