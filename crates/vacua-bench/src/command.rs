@@ -9,7 +9,7 @@ use vacua_synth::{Kind, MeshKind, parse_size};
 
 use crate::auto::{self, AutoOptions};
 use crate::encode::{self, EncodeOptions};
-use crate::gpu::{self, GpuOptions};
+use crate::gpu::{self, GpuMethod, GpuOptions};
 use crate::meshes::{MeshSize, Scene};
 use crate::render::{self, RenderOptions};
 use crate::sample::{self, SampleOptions, Share};
@@ -23,6 +23,9 @@ pub enum Command {
         /// Volumes to measure on: heptane, flower, dns, llnl; all if none are named.
         #[arg(long, value_delimiter = ',')]
         models: Vec<Model>,
+        /// Measure on a GPU: gpu, or gpu:N. On the CPU if not given.
+        #[arg(long)]
+        device: Option<DeviceChoice>,
         /// What all take.
         #[command(flatten)]
         common: Common,
@@ -38,7 +41,7 @@ pub enum Command {
     },
     /// Skipping on a GPU: frames by method and macrocell size, and edits of the transfer function.
     Gpu {
-        /// gpu, or gpu:N.
+        /// gpu, gpu:N, or gpu:all to measure several devices together too.
         #[arg(long, default_value = "gpu")]
         device: DeviceChoice,
         /// Volumes to measure on.
@@ -50,6 +53,12 @@ pub enum Command {
         /// Reaches of the distance map.
         #[arg(long, value_delimiter = ',', default_value = "1,16")]
         reaches: Vec<u8>,
+        /// Ways to skip, besides none: grid, mesh, query, boxes, auto.
+        #[arg(long, value_delimiter = ',', default_value = "grid,auto")]
+        methods: Vec<GpuMethod>,
+        /// Measures how acceleration structures over the boundary are built.
+        #[arg(long)]
+        structures: bool,
         /// Measures gradient shading too.
         #[arg(long)]
         shaded: bool,
@@ -164,7 +173,11 @@ fn size(text: &str) -> Result<(usize, usize), String> {
 /// If it cannot be measured at all; what fails for one cell of a table is said in that cell.
 pub fn run(command: Command) -> Outcome {
     match command {
-        Command::Skip { models, common } => run_skip(models, common),
+        Command::Skip {
+            models,
+            device,
+            common,
+        } => run_skip(models, device, common),
         Command::Auto { points, common } => run_auto(points, common),
         Command::Render { common } => run_render(common),
         Command::Encode {
@@ -183,6 +196,8 @@ pub fn run(command: Command) -> Outcome {
             kinds,
             points,
             reaches,
+            methods,
+            structures,
             shaded,
             pictures,
             common,
@@ -194,6 +209,8 @@ pub fn run(command: Command) -> Outcome {
             repeats: common.repeats.unwrap_or(10),
             sides: common.sides.unwrap_or(vec![8, 16]),
             reaches,
+            methods,
+            structures,
             shaded,
             pictures,
         })
@@ -205,7 +222,7 @@ pub fn run(command: Command) -> Outcome {
 /// Text to print.
 type Outcome = Result<String, Box<dyn std::error::Error + Send + Sync>>;
 
-fn run_skip(models: Vec<Model>, common: Common) -> Outcome {
+fn run_skip(models: Vec<Model>, device: Option<DeviceChoice>, common: Common) -> Outcome {
     let defaults = if common.quick {
         SkipOptions::quick()
     } else {
@@ -223,6 +240,7 @@ fn run_skip(models: Vec<Model>, common: Common) -> Outcome {
             models
         },
         quick: common.quick,
+        device,
     })?;
     text(&results, common.json, || results.markdown())
 }

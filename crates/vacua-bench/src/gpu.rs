@@ -4,11 +4,12 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Instant;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use vacua_gpu::{DeviceChoice, GpuRenderer};
+use vacua_gpu::{DeviceChoice, GpuRenderer, Timings, Tracer};
 use vacua_io::picture::{Picture, write_png};
 use vacua_render::{
     Camera, CpuRenderer, Frame, Projection, RenderSettings, Renderer, Scene, Shading, SkipMethod,
@@ -17,9 +18,58 @@ use vacua_synth::{Kind, Spec};
 use vacua_volume::{OpacityPoint, TransferFunction, TransferFunctionError};
 
 use crate::error::BenchError;
+use crate::gpu_group::{self, GroupRow};
+use crate::gpu_structures::{self, StructureRow};
 use crate::machine::Machine;
 use crate::timing::median;
 use crate::volumes;
+
+/// A way to skip empty space on a GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GpuMethod {
+    /// A walk over the distance map.
+    Grid,
+    /// The triangulated boundary, on a ray tracing pipeline.
+    Mesh,
+    /// The triangulated boundary, through ray queries in a compute shader.
+    Query,
+    /// Clustered boxes, on a ray tracing pipeline.
+    Boxes,
+    /// Whichever the renderer finds fastest.
+    Auto,
+}
+
+impl GpuMethod {
+    const ALL: [(Self, &'static str); 5] = [
+        (Self::Grid, "grid"),
+        (Self::Mesh, "mesh"),
+        (Self::Query, "query"),
+        (Self::Boxes, "boxes"),
+        (Self::Auto, "auto"),
+    ];
+
+    /// What the renderer is asked for.
+    const fn skip(self) -> (SkipMethod, Option<Tracer>) {
+        match self {
+            Self::Grid => (SkipMethod::Grid, None),
+            Self::Mesh => (SkipMethod::Mesh, Some(Tracer::Pipeline)),
+            Self::Query => (SkipMethod::Mesh, Some(Tracer::Query)),
+            Self::Boxes => (SkipMethod::Boxes, None),
+            Self::Auto => (SkipMethod::Auto, None),
+        }
+    }
+}
+
+impl FromStr for GpuMethod {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.iter().find(|(_, name)| *name == text);
+        found.map(|(method, _)| *method).ok_or_else(|| {
+            format!("`{text}` is no method, expected grid, mesh, query, boxes or auto")
+        })
+    }
+}
 
 /// What to measure.
 #[derive(Clone, Debug)]
@@ -38,6 +88,10 @@ pub struct GpuOptions {
     pub sides: Vec<usize>,
     /// Reaches of the distance map.
     pub reaches: Vec<u8>,
+    /// Ways to skip, besides none.
+    pub methods: Vec<GpuMethod>,
+    /// Whether to measure how acceleration structures are built.
+    pub structures: bool,
     /// Whether to measure with gradient shading too.
     pub shaded: bool,
     /// Folder for pictures.
@@ -55,6 +109,8 @@ pub struct GpuResults {
     pub size: (usize, usize),
     /// One entry a volume and look.
     pub scenes: Vec<SceneResult>,
+    /// Pictures by several devices, if they were asked for: of the first scene.
+    pub groups: Vec<GroupRow>,
 }
 
 /// Everything about one scene.
@@ -70,6 +126,8 @@ pub struct SceneResult {
     pub upload_secs: f64,
     /// Rows of the table.
     pub rows: Vec<Row>,
+    /// How acceleration structures over the boundary are built.
+    pub structures: Vec<StructureRow>,
     /// Against the CPU's picture at a quarter of the size: dB, and the largest difference in steps
     /// of 8 bits.
     pub against_cpu: (f64, u8),
@@ -98,10 +156,31 @@ pub struct Row {
     pub classify_secs: f64,
     /// Seconds on the device: distance map after an edit.
     pub distance_secs: f64,
+    /// Triangles or boxes that rays are traced against.
+    pub shapes: usize,
+    /// Seconds after an edit until these are there: on the device, or clustering on the host.
+    pub outline_secs: f64,
+    /// Seconds on the device: acceleration structures after an edit.
+    pub hierarchy_secs: f64,
     /// Seconds of a whole edit with its frame as a caller sees it, the picture on the host.
     pub edit_wall_secs: f64,
     /// Whether the picture is that without skipping, to the bit.
     pub is_exact: bool,
+}
+
+/// Reach of the distance map where it does not matter.
+const DEFAULT_REACH: u8 = 16;
+
+/// Leaves out what the device cannot do, and says so.
+fn said<T>(made: Result<T, BenchError>) -> Result<Option<T>, BenchError> {
+    match made {
+        Ok(row) => Ok(Some(row)),
+        Err(BenchError::Render(error)) => {
+            tracing::warn!(%error, "left out");
+            Ok(None)
+        }
+        Err(other) => Err(other),
+    }
 }
 
 /// Cameras around a cube of a side: filling the picture, and inside.
@@ -130,6 +209,7 @@ pub fn run(options: &GpuOptions) -> Result<GpuResults, BenchError> {
     let mut gpu = GpuRenderer::new(options.device)?;
     let machine = Machine::describe(rayon::current_num_threads());
     let mut scenes = Vec::new();
+    let mut groups = Vec::new();
     for &kind in &options.kinds {
         let mut spec = Spec::new(kind);
         spec.points = options.points.unwrap_or(spec.points);
@@ -143,6 +223,9 @@ pub fn run(options: &GpuOptions) -> Result<GpuResults, BenchError> {
             for (view_name, camera) in views(side) {
                 let name = format!("{kind} {look_name} {view_name}");
                 let scene = Scene::new(volume.clone(), look.clone()).camera(camera);
+                if options.device == DeviceChoice::All && groups.is_empty() {
+                    groups = gpu_group::measure(&scene, options)?;
+                }
                 scenes.push(measure(&mut gpu, options, spec, name, &scene)?);
             }
         }
@@ -152,6 +235,7 @@ pub fn run(options: &GpuOptions) -> Result<GpuResults, BenchError> {
         device: gpu.device().name().to_owned(),
         size: options.size,
         scenes,
+        groups,
     })
 }
 
@@ -197,14 +281,30 @@ fn measure(
         let first = gpu.render(scene, &none)?;
         upload_secs = f64::max(upload_secs, first.report.volume_secs);
         rows.push(row(gpu, scene, &none, 0, options.repeats, None)?);
-        for &side in &options.sides {
-            for &reach in &options.reaches {
-                gpu.set_reach(reach);
-                let grid = with(SkipMethod::Grid, Some(side));
-                let reference = Some(&first.frame);
-                rows.push(row(gpu, scene, &grid, reach, options.repeats, reference)?);
+        for &method in &options.methods {
+            let (skip, tracer) = method.skip();
+            gpu.set_tracer(tracer);
+            let sides = options.sides.iter().map(|&side| Some(side));
+            let sides: Vec<_> = match method {
+                GpuMethod::Auto => vec![None],
+                _ => sides.collect(),
+            };
+            let reaches: &[u8] = match method {
+                GpuMethod::Grid => &options.reaches,
+                _ => &[DEFAULT_REACH],
+            };
+            for side in sides {
+                for &reach in reaches {
+                    gpu.set_reach(reach);
+                    let settings = with(skip, side);
+                    let reference = Some(&first.frame);
+                    let made = row(gpu, scene, &settings, reach, options.repeats, reference);
+                    rows.extend(said(made)?);
+                }
             }
         }
+        gpu.set_tracer(None);
+        gpu.set_reach(DEFAULT_REACH);
         if let Some(folder) = &options.pictures {
             let shade = if shading == Shading::None { "" } else { " lit" };
             let path = folder.join(format!("{name}{shade}.png").replace(' ', "-"));
@@ -222,7 +322,16 @@ fn measure(
         width: options.size.0 / 4,
         height: options.size.1 / 4,
         skip: SkipMethod::Grid,
-        ..settings
+        ..settings.clone()
+    };
+    let structures = if options.structures {
+        let settings = RenderSettings {
+            skip: SkipMethod::Mesh,
+            ..settings.clone()
+        };
+        gpu_structures::measure(gpu, scene, &settings, options)?
+    } else {
+        Vec::new()
     };
     let ours = gpu.render(scene, &small)?.frame;
     let theirs = CpuRenderer::new(None)?.render(scene, &small)?.frame;
@@ -232,6 +341,7 @@ fn measure(
         device_bytes: gpu.volume_bytes(),
         upload_secs,
         rows,
+        structures,
         against_cpu: compare(&ours, &theirs),
     })
 }
@@ -251,7 +361,7 @@ fn row(
         gpu.render(scene, settings)?;
         march.push(gpu.timings().secs("march"));
     }
-    let (mut classify, mut distance, mut wall) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut stages, mut wall) = (Vec::new(), Vec::new());
     if settings.skip != SkipMethod::None {
         let looks = [
             volumes::edited(&scene.transfer_function)?,
@@ -262,14 +372,25 @@ fn row(
             let start = Instant::now();
             gpu.render(&scene, settings)?;
             wall.push(start.elapsed().as_secs_f64());
-            classify.push(gpu.timings().secs("classify"));
-            distance.push(gpu.timings().secs("distance"));
+            if i > 0 {
+                stages.push(gpu.timings().clone());
+            }
         }
         gpu.render(scene, settings)?;
     }
     let report = &first.report;
+    let of = |names: &[&str]| {
+        let sum = |t: &Timings| names.iter().map(|name| t.secs(name)).sum();
+        median(stages.iter().map(sum).collect())
+    };
+    let (skip, tracer) = (settings.skip, gpu.tracer());
+    let name = match (skip, tracer) {
+        (SkipMethod::Auto, _) => format!("auto: {}", report.method.name()),
+        (SkipMethod::Mesh, Some(Tracer::Query)) => "mesh by queries".to_owned(),
+        _ => report.method.name().to_owned(),
+    };
     Ok(Row {
-        method: report.method.name().to_owned(),
+        method: name,
         side: report.macrocell_side,
         reach,
         is_shaded: settings.shading == Shading::Gradient,
@@ -277,8 +398,15 @@ fn row(
         samples: first.frame.total_samples(),
         active: [report.num_active, report.num_macrocells],
         ranges_secs,
-        classify_secs: median(classify),
-        distance_secs: median(distance),
+        classify_secs: of(&["classify"]),
+        distance_secs: of(&["distance"]),
+        shapes: match report.method {
+            SkipMethod::Mesh => 2 * gpu.num_outlined(),
+            SkipMethod::Boxes => gpu.num_outlined(),
+            _ => 0,
+        },
+        outline_secs: of(&["faces", "triangles", "cluster", "boxes"]),
+        hierarchy_secs: of(&["blas", "tlas"]),
         edit_wall_secs: median(wall),
         is_exact: reference
             .is_none_or(|r| r.rgba == first.frame.rgba && r.depth == first.frame.depth),
@@ -323,8 +451,8 @@ impl GpuResults {
             );
             out.push_str(
                 "| method | K | reach | lit | march ms | Gsamples | Gsamples/s | active % | ranges ms \
-                 | classify ms | distance ms | edit + frame, wall ms | exact |\n\
-                 |---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+                 | classify ms | distance ms | shapes | outline ms | BVH ms | edit + frame, wall ms \
+                 | exact |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
             );
             for r in &scene.rows {
                 let giga = r.samples as f64 / 1e9;
@@ -332,7 +460,7 @@ impl GpuResults {
                 let _ = writeln!(
                     out,
                     "| {} | {} | {} | {} | {:.3} | {:.3} | {:.0} | {active:.2} | {:.2} | {:.4} | {:.4} \
-                     | {:.2} | {} |",
+                     | {} | {:.4} | {:.4} | {:.2} | {} |",
                     r.method,
                     r.side,
                     r.reach,
@@ -343,12 +471,16 @@ impl GpuResults {
                     1e3 * r.ranges_secs,
                     1e3 * r.classify_secs,
                     1e3 * r.distance_secs,
+                    r.shapes,
+                    1e3 * r.outline_secs,
+                    1e3 * r.hierarchy_secs,
                     1e3 * r.edit_wall_secs,
                     if r.is_exact { "yes" } else { "NO" },
                 );
             }
             out.push('\n');
+            out += &gpu_structures::markdown(&scene.structures);
         }
-        out
+        out + &gpu_group::markdown(&self.groups)
     }
 }

@@ -14,6 +14,8 @@ pub mod command;
 pub mod encode;
 mod error;
 pub mod gpu;
+pub mod gpu_group;
+pub mod gpu_structures;
 mod machine;
 pub mod meshes;
 pub mod paper;

@@ -9,8 +9,8 @@ use vacua_skip::{
 };
 use vacua_synth::{Kind, Spec, generate};
 use vacua_volume::{
-    ColorPoint, ComponentChoice, FieldChoice, TransferFunction, TransferFunctionError,
-    TransferTable, ValueMap, ValueRange, Volume,
+    ColorPoint, ComponentChoice, FieldChoice, OpacityPoint, TransferFunction,
+    TransferFunctionError, TransferTable, ValueMap, ValueRange, Volume,
 };
 
 use crate::cell::Cell;
@@ -80,6 +80,25 @@ pub(crate) fn edited(look: &TransferFunction) -> Result<TransferFunction, Transf
     TransferFunction::new(
         look.colors().iter().map(nudge).collect(),
         look.opacities().to_vec(),
+        look.unit_length(),
+        look.scale(),
+    )
+}
+
+/// A transfer function whose opacities lie higher by a part of its range: a little less is seen.
+pub(crate) fn moved(
+    look: &TransferFunction,
+    part: f64,
+) -> Result<TransferFunction, TransferFunctionError> {
+    let domain = look.domain();
+    let by = part * (domain.hi - domain.lo);
+    let shift = |p: &OpacityPoint| OpacityPoint {
+        value: p.value + by,
+        ..*p
+    };
+    TransferFunction::new(
+        look.colors().to_vec(),
+        look.opacities().iter().map(shift).collect(),
         look.unit_length(),
         look.scale(),
     )

@@ -6,12 +6,14 @@ use rayon::prelude::*;
 use vacua_render::Frame;
 
 use crate::error::GpuError;
+use crate::renderer::Share;
 use crate::vulkan::{Buffer, Device, Place, Recorder};
 
 /// Buffers of one picture: colour, depth, samples.
 pub(crate) struct Picture {
     pub width: usize,
-    pub height: usize,
+    /// Rows of this device's part of it.
+    pub rows: usize,
     pub rgba: Buffer,
     pub depth: Buffer,
     pub samples: Buffer,
@@ -20,13 +22,13 @@ pub(crate) struct Picture {
 }
 
 impl Picture {
-    pub fn new(device: &Arc<Device>, width: usize, height: usize) -> Result<Self, GpuError> {
-        let pixels = (width * height) as u64;
+    pub fn new(device: &Arc<Device>, width: usize, rows: usize) -> Result<Self, GpuError> {
+        let pixels = (width * rows) as u64;
         let on_device =
             |bytes: u64| Buffer::new(device, "the picture", bytes * pixels, Place::Device);
         Ok(Self {
             width,
-            height,
+            rows,
             rgba: on_device(16)?,
             depth: on_device(4)?,
             samples: on_device(4)?,
@@ -35,35 +37,76 @@ impl Picture {
     }
 
     fn pixels(&self) -> u64 {
-        (self.width * self.height) as u64
+        (self.width * self.rows) as u64
     }
 
     /// Has the picture sent to the host.
     pub fn send(&self, recorder: &Recorder<'_>) {
         let n = self.pixels();
+        if n == 0 {
+            return;
+        }
         recorder.copy(&self.rgba, &self.download, 0, 16 * n);
         recorder.copy(&self.depth, &self.download, 16 * n, 4 * n);
         recorder.copy(&self.samples, &self.download, 20 * n, 4 * n);
     }
 
-    /// What was sent.
-    pub fn frame(&self) -> Frame {
-        let n = self.width * self.height;
+    /// Copies what was sent to the rows that it is.
+    pub fn copy_into(&self, frame: &mut Frame, share: Share) {
+        let n = self.width * self.rows;
         let bytes = &self.download.bytes()[..24 * n];
         let (rgba, rest) = bytes.split_at(16 * n);
         let (depth, samples) = rest.split_at(4 * n);
-        fn copied<T: bytemuck::AnyBitPattern + Send + Sync>(bytes: &[u8]) -> Vec<T> {
-            bytemuck::cast_slice::<u8, T>(bytes)
-                .par_iter()
-                .copied()
-                .collect()
-        }
-        Frame {
-            width: self.width,
-            height: self.height,
-            rgba: copied(rgba),
-            depth: copied(depth),
-            samples: copied(samples),
-        }
+        let bands: Vec<(usize, usize)> = share.bands(frame.height).collect();
+        scatter(
+            bytemuck::cast_slice(rgba),
+            &mut frame.rgba,
+            &bands,
+            self.width,
+        );
+        scatter(
+            bytemuck::cast_slice(depth),
+            &mut frame.depth,
+            &bands,
+            self.width,
+        );
+        scatter(
+            bytemuck::cast_slice(samples),
+            &mut frame.samples,
+            &bands,
+            self.width,
+        );
     }
+}
+
+/// A picture to be filled in.
+pub(crate) fn blank(width: usize, height: usize) -> Frame {
+    let pixels = width * height;
+    Frame {
+        width,
+        height,
+        rgba: vec![[0.0; 4]; pixels],
+        depth: vec![0.0; pixels],
+        samples: vec![0; pixels],
+    }
+}
+
+/// Copies bands of rows, which lie one after the other, to where they belong.
+fn scatter<T: Copy + Send + Sync>(
+    from: &[T],
+    to: &mut [T],
+    bands: &[(usize, usize)],
+    width: usize,
+) {
+    let mut places = Vec::with_capacity(bands.len());
+    let (mut from, mut to, mut row) = (from, to, 0);
+    for &(first, end) in bands {
+        let (_, rest) = to.split_at_mut((first - row) * width);
+        let (place, rest) = rest.split_at_mut((end - first) * width);
+        let (band, others) = from.split_at(place.len());
+        places.push((band, place));
+        (from, to, row) = (others, rest, end);
+    }
+    let places = places.into_par_iter();
+    places.for_each(|(band, place)| place.copy_from_slice(band));
 }

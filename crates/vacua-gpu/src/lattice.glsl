@@ -47,3 +47,15 @@ uint macrocell_index(ivec3 at) {
     uvec3 n = parameters.macrocells.xyz;
     return uint(at.x) + n.x * (uint(at.y) + n.y * uint(at.z));
 }
+
+// The macrocell of a place in the volume's box, as whole numbers.
+vec3 macrocell_of(vec3 at) {
+    // ⌊c / K⌋ exactly: no multiple of 1/K is nearer to (c + ½)/K than ½/K.
+    return trunc((cell_of(at) + 0.5) * parameters.last_cell.w);
+}
+
+// What the distance map says of a macrocell: 0 if it is active.
+uint distance_at(vec3 macrocell) {
+    uint index = macrocell_index(ivec3(macrocell));
+    return push.skip.word[index >> 2] >> (8 * (index & 3u)) & 255u;
+}

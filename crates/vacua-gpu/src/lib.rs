@@ -12,6 +12,7 @@
 
 mod error;
 mod frame;
+mod group;
 mod renderer;
 mod shaders;
 mod shared;
@@ -22,5 +23,6 @@ mod volume;
 mod vulkan;
 
 pub use error::GpuError;
-pub use renderer::{GpuOptions, GpuRenderer};
-pub use vulkan::{Device, DeviceChoice, DeviceInfo, DeviceKind, Instance, Timings};
+pub use group::GpuGroup;
+pub use renderer::{Boundary, GpuOptions, GpuRenderer, StructureOptions, Tracer};
+pub use vulkan::{Device, DeviceChoice, DeviceInfo, DeviceKind, Instance, Preference, Timings};

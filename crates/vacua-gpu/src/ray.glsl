@@ -88,11 +88,17 @@ Ray ray_of(uvec2 pixel) {
     precise double anchor_sample = parameters.grid.x * speed;
     precise float fx = float(x);
     precise float fy = float(y);
-    vec3 anchor = parameters.anchor.xyz + fx * parameters.anchor_x.xyz + fy * parameters.anchor_y.xyz;
-    vec3 direction =
-        parameters.direction.xyz + fx * parameters.direction_x.xyz + fy * parameters.direction_y.xyz;
+    precise vec3 anchor = fma(
+        vec3(fx), parameters.anchor_x.xyz, fma(vec3(fy), parameters.anchor_y.xyz, parameters.anchor.xyz)
+    );
+    precise vec3 direction = fma(
+        vec3(fx),
+        parameters.direction_x.xyz,
+        fma(vec3(fy), parameters.direction_y.xyz, parameters.direction.xyz)
+    );
     vec3 squares = parameters.length_sq.xyz;
-    float world_length = sqrt(squares.x + fx * fx * squares.y + fy * fy * squares.z);
+    precise float length_sq = fma(fx * fx, squares.y, fma(fy * fy, squares.z, squares.x));
+    float world_length = sqrt(length_sq);
     float scale = parameters.box_lo.w / float(speed);
     precise vec3 step = direction * scale;
     ray.step = step;
@@ -128,8 +134,9 @@ Ray ray_of(uvec2 pixel) {
     for (int a = 0; a < 3; ++a) cut(ray, a, parameters.box_lo[a], parameters.box_hi[a]);
     for (uint i = 0; i < parameters.axis_offset.w; ++i) {
         vec4 plane = push.clips.quad[i];
-        float height = dot(plane.xyz, start) + plane.w;
-        float rise = dot(plane.xyz, step);
+        precise float height =
+            fma(plane.x, start.x, fma(plane.y, start.y, fma(plane.z, start.z, plane.w)));
+        precise float rise = fma(plane.x, step.x, fma(plane.y, step.y, plane.z * step.z));
         float crossing = clamp(-height / rise, -1.0, float(MAX_SAMPLES));
         if (rise > 0.0) ray.begin = max(ray.begin, uint(max(ceil(crossing), 0.0)));
         if (rise < 0.0) ray.end = min(ray.end, uint(floor(crossing) + 1.0));

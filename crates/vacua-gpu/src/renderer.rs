@@ -1,39 +1,78 @@
 //! The renderer: what is kept between frames, and what an edit redoes.
 //!
 //! A camera move redoes the march; an edit of the transfer function redoes table, classification and
-//! distance map; another macrocell size or volume redoes ranges too. All of it goes in one
-//! submission with the frame.
+//! what rays skip by; another macrocell size or volume redoes ranges too. All of it goes in one
+//! submission with the frame, but for methods that trace rays: the host must know the number of
+//! shapes first.
 
 mod auto;
+mod job;
+mod outline;
 mod pipelines;
+mod submit;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua_render::contract::{GOLDEN, check, pixel_offset};
+use vacua_render::contract::check;
 use vacua_render::{
-    Integrator, Jitter, Overlay, RenderError, RenderReport, RenderSettings, Renderer, Rendering,
-    Scene, SceneData, SkipMethod,
+    Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene, SceneData,
+    SkipMethod,
 };
-use vacua_skip::Lattice;
+use vacua_skip::Quad;
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
-use self::pipelines::{Pipelines, Shader};
+use self::job::SkipKey;
+use self::outline::Outline;
+use self::pipelines::Pipelines;
 use crate::error::GpuError;
-use crate::frame::Picture;
-use crate::shared::{Parameters, Push, TILE};
+use crate::frame::{Picture, blank};
+use crate::shared::{FACE_NUMBERS, FACE_WORDS, Parameters, TILE};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
-use crate::view;
 use crate::volume::{DeviceVolume, ImageLimits};
-use crate::vulkan::{Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings};
+use crate::vulkan::{
+    Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Preference, Timings,
+};
 
 /// Macrocell side where nothing else is asked for or measured.
 const DEFAULT_SIDE: usize = 8;
 
+/// Stages that build what rays skip by, once macrocells are classified.
+const OF_SKIPPER: [&str; 8] = [
+    "distance",
+    "faces",
+    "cluster",
+    "triangles",
+    "blas",
+    "refit",
+    "compact",
+    "tlas",
+];
+
 /// Frames that are summed in one submission.
 const FRAMES_AT_ONCE: u32 = 16;
+
+/// How rays are traced against acceleration structures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Tracer {
+    /// By a ray tracing pipeline, as the paper does it.
+    Pipeline,
+    /// By compute shaders that ask the structures.
+    Query,
+}
+
+/// How acceleration structures are made (paper A §4.2.3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StructureOptions {
+    /// What they are built for.
+    pub preference: Preference,
+    /// Whether those over the boundary are copied to where they take less memory.
+    pub compact: bool,
+    /// Whether after an edit the shapes are moved instead of built anew, as long as they fit.
+    pub refit: bool,
+}
 
 /// How the renderer works; pictures do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +81,12 @@ pub struct GpuOptions {
     pub reach: u8,
     /// Slices an image may have, if fewer than the device allows.
     pub max_layers: Option<u32>,
+    /// How rays are traced by `mesh`; on a pipeline, where there is one, if not given.
+    pub tracer: Option<Tracer>,
+    /// How acceleration structures are made.
+    pub structures: StructureOptions,
+    /// Pictures of fewer pixels are not worth measuring for `auto`.
+    pub least_pixels: usize,
 }
 
 impl Default for GpuOptions {
@@ -49,7 +94,32 @@ impl Default for GpuOptions {
         Self {
             reach: 16,
             max_layers: None,
+            tracer: None,
+            structures: StructureOptions::default(),
+            least_pixels: 1 << 18,
         }
+    }
+}
+
+/// The part of a picture that a device makes: bands of rows, dealt out in turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Share {
+    /// Devices that share the picture.
+    pub count: u32,
+    /// Number of this one.
+    pub index: u32,
+}
+
+impl Share {
+    /// All of it.
+    pub const WHOLE: Self = Self { count: 1, index: 0 };
+
+    /// The rows of a picture that are in this part, in order: bands as (first, end).
+    pub fn bands(self, rows: usize) -> impl Iterator<Item = (usize, usize)> {
+        let band = TILE as usize;
+        (self.index as usize..rows.div_ceil(band))
+            .step_by(self.count as usize)
+            .map(move |b| (b * band, ((b + 1) * band).min(rows)))
     }
 }
 
@@ -58,9 +128,17 @@ pub struct GpuRenderer {
     volume: Option<DeviceVolume>,
     macrocells: BTreeMap<usize, DeviceMacrocells>,
     look: Option<Look>,
-    /// What the distance map was made of.
+    /// What the mask was made of, and whether distances were made of it.
     skip: Option<SkipKey>,
+    has_distances: bool,
+    /// What rays are traced against, kept for its memory even where it is out of date.
+    outline: Option<Outline>,
+    outline_is_current: bool,
+    face_counts: Option<Buffer>,
+    share: Share,
     choice: Option<(auto::Wanted, auto::Choice)>,
+    /// Whether the choice is known to suit the transfer function.
+    choice_is_reviewed: bool,
     picture: Option<Picture>,
     tables: Tables,
     timings: Timings,
@@ -81,13 +159,6 @@ struct Look {
     is_sent: bool,
 }
 
-/// What a distance map depends on, besides volume and transfer function.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct SkipKey {
-    side: usize,
-    integrator: Integrator,
-}
-
 /// Small buffers that are there from the start.
 struct Tables {
     parameters: Buffer,
@@ -98,11 +169,16 @@ struct Tables {
     clips: Buffer,
 }
 
+/// Faces of the boundary, and the corners of the two triangles of each.
+pub type Boundary = (Vec<Quad>, Vec<[[f32; 3]; 6]>);
+
 /// How a picture is made, once all is settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Plan {
+pub(crate) struct Plan {
     method: SkipMethod,
     side: usize,
+    /// How `mesh` traces rays.
+    tracer: Option<Tracer>,
 }
 
 impl GpuRenderer {
@@ -123,7 +199,11 @@ impl GpuRenderer {
         choice: DeviceChoice,
         options: GpuOptions,
     ) -> Result<Self, GpuError> {
-        let device = instance.open(choice)?;
+        Self::on_device(instance.open(choice)?, options)
+    }
+
+    /// A renderer on a device that is open.
+    pub(crate) fn on_device(device: Arc<Device>, options: GpuOptions) -> Result<Self, GpuError> {
         let layout = Layout::new(&device)?;
         let commands = Commands::new(&device)?;
         let small = |bytes| Buffer::new(&device, "tables", bytes, Place::Device);
@@ -131,8 +211,8 @@ impl GpuRenderer {
             parameters: small(size_of::<Parameters>() as u64)?,
             entries: small(1 << 14)?,
             next_active: small(1 << 13)?,
-            counter: small(4)?,
-            counted: Buffer::new(&device, "tables", 4, Place::Download)?,
+            counter: small(8)?,
+            counted: Buffer::new(&device, "tables", 8, Place::Download)?,
             clips: small(1 << 12)?,
         };
         Ok(Self {
@@ -140,7 +220,13 @@ impl GpuRenderer {
             macrocells: BTreeMap::new(),
             look: None,
             skip: None,
+            has_distances: false,
+            outline: None,
+            outline_is_current: false,
+            face_counts: None,
+            share: Share::WHOLE,
             choice: None,
+            choice_is_reviewed: false,
             picture: None,
             tables,
             timings: Timings::default(),
@@ -166,8 +252,43 @@ impl GpuRenderer {
         }
     }
 
-    /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`
-    /// where they were redone, `march` once a ray a pixel, `copy`.
+    /// How `mesh` traces rays, if that was chosen.
+    pub fn tracer(&self) -> Option<Tracer> {
+        self.options.tracer
+    }
+
+    /// Changes how `mesh` traces rays.
+    pub fn set_tracer(&mut self, tracer: Option<Tracer>) {
+        self.options.tracer = tracer;
+    }
+
+    /// Changes how acceleration structures are made.
+    pub fn set_structures(&mut self, structures: StructureOptions) {
+        self.options.structures = structures;
+    }
+
+    /// Makes only a part of every picture.
+    pub(crate) fn set_share(&mut self, share: Share) {
+        if share != self.share {
+            self.share = share;
+            self.picture = None;
+        }
+    }
+
+    /// Bytes of what rays are traced against, and of the acceleration structure over it alone.
+    pub fn outline_bytes(&self) -> [u64; 2] {
+        let outline = self.outline.as_ref();
+        outline.map_or([0; 2], |o| [o.size_bytes(), o.lower.size_bytes()])
+    }
+
+    /// Faces of the boundary, or boxes, that rays are traced against.
+    pub fn num_outlined(&self) -> usize {
+        self.outline.as_ref().map_or(0, |o| o.num as usize)
+    }
+
+    /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`,
+    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `march` once a
+    /// ray a pixel, `copy`; and on the host `cluster`.
     pub fn timings(&self) -> &Timings {
         &self.timings
     }
@@ -191,16 +312,64 @@ impl GpuRenderer {
         Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
     }
 
-    /// The distance map of the last picture as the device has it, for tests.
+    /// The distance map of the last picture that was made with one, as the device has it, for tests.
     ///
     /// # Errors
     /// What the driver says.
     pub fn distances(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(SkipKey { side, .. }) = self.skip else {
+        let Some(SkipKey { side, .. }) = self.skip.filter(|_| self.has_distances) else {
             return Ok(None);
         };
         let len = self.macrocells.get(&side).map_or(0, DeviceMacrocells::len);
         Ok(Some(self.read(&side, |m| &m.maps[1], len as usize)?))
+    }
+
+    /// Which macrocells are active, as the device has it, for tests.
+    ///
+    /// # Errors
+    /// What the driver says.
+    pub fn active(&mut self) -> Result<Option<Vec<bool>>, GpuError> {
+        let Some(SkipKey { side, .. }) = self.skip else {
+            return Ok(None);
+        };
+        let len = self.macrocells.get(&side).map_or(0, DeviceMacrocells::len);
+        let map = self.read(&side, |m| &m.maps[0], len as usize)?;
+        Ok(Some(map.iter().map(|&distance| distance == 0).collect()))
+    }
+
+    /// The boundary of the last picture by `mesh` as the device has it, for tests: its faces, and
+    /// the corners of their triangles.
+    ///
+    /// # Errors
+    /// What the driver says.
+    pub fn boundary(&mut self) -> Result<Option<Boundary>, GpuError> {
+        let outline = self.outline.as_ref();
+        let Some(outline) = outline.filter(|o| o.method() == SkipMethod::Mesh) else {
+            return Ok(None);
+        };
+        let num = outline.num as usize;
+        let words = download(
+            &self.device,
+            &mut self.commands,
+            &self.layout,
+            (&outline.faces, 4 * FACE_WORDS as usize * num),
+        )?;
+        let corners = download(
+            &self.device,
+            &mut self.commands,
+            &self.layout,
+            (&outline.corners, 4 * FACE_NUMBERS as usize * num),
+        )?;
+        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&words);
+        let quad = |face: &[u32]| Quad {
+            axis: (face[0] & 3) as u8,
+            faces_up: face[0] >> 2 & 1 == 1,
+            plane: face[0] >> 3,
+            at: [face[1], face[2]],
+        };
+        let faces = words.chunks_exact(FACE_WORDS as usize).map(quad).collect();
+        let triangles = bytemuck::pod_collect_to_vec(&corners);
+        Ok(Some((faces, triangles)))
     }
 
     fn read(
@@ -212,46 +381,78 @@ impl GpuRenderer {
         let Some(cells) = self.macrocells.get(side) else {
             return Ok(Vec::new());
         };
-        let from = buffer(cells);
-        let to = Buffer::new(&self.device, "reading", from.size_bytes(), Place::Download)?;
-        self.commands.run(&self.layout, |recorder| {
-            recorder.copy(from, &to, 0, from.size_bytes());
-            recorder.barrier();
-            Ok(())
-        })?;
-        Ok(to.bytes()[..len].to_vec())
+        download(
+            &self.device,
+            &mut self.commands,
+            &self.layout,
+            (buffer(cells), len),
+        )
     }
 
     fn make(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Rendering, GpuError> {
+        let mut report = self.begin(scene, settings)?;
+        let plan = self.plan(scene, settings, &mut report)?;
+        let start = Instant::now();
+        self.draw(scene, settings, plan)?;
+        let mut frame = blank(settings.width, settings.height);
+        self.fetch(&mut frame);
+        report.frame_secs = start.elapsed().as_secs_f64();
+        self.finish(plan, &mut report);
+        Ok(Rendering { frame, report })
+    }
+
+    /// Brings everything up to date, as far as the host can.
+    pub(crate) fn begin(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+    ) -> Result<RenderReport, GpuError> {
         check(settings)?;
         let mut report = RenderReport {
             threads: rayon::current_num_threads(),
             ..Default::default()
         };
         self.prepare(scene, settings, &mut report)?;
-        let plan = match settings.skip {
-            SkipMethod::Auto => {
-                let start = Instant::now();
-                let (plan, reason, is_new) = self.choose(scene, settings)?;
-                if is_new {
-                    report.auto_secs = start.elapsed().as_secs_f64();
-                }
-                report.reason = Some(reason);
-                plan
-            }
-            method => Plan {
-                method,
+        Ok(report)
+    }
+
+    /// Settles how a picture is made, by measurement where that is asked for.
+    pub(crate) fn plan(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        report: &mut RenderReport,
+    ) -> Result<Plan, GpuError> {
+        if settings.skip != SkipMethod::Auto {
+            return Ok(Plan {
+                method: settings.skip,
                 side: settings.macrocell_side.unwrap_or(DEFAULT_SIDE),
-            },
-        };
+                tracer: self.options.tracer,
+            });
+        }
         let start = Instant::now();
-        let frame = self.picture(scene, settings, plan)?;
-        report.frame_secs = start.elapsed().as_secs_f64();
+        let (plan, reason, is_new) = self.choose(scene, settings)?;
+        if is_new {
+            report.auto_secs = start.elapsed().as_secs_f64();
+        }
+        report.reason = Some(reason);
+        Ok(plan)
+    }
+
+    /// Copies this device's rows of the last picture to where they belong.
+    pub(crate) fn fetch(&self, frame: &mut Frame) {
+        if let Some(picture) = &self.picture {
+            picture.copy_into(frame, self.share);
+        }
+    }
+
+    /// Says what the last picture took.
+    pub(crate) fn finish(&mut self, plan: Plan, report: &mut RenderReport) {
         report.method = plan.method;
         report.macrocell_side = plan.side;
         report.macrocells_secs = self.timings.secs("ranges");
         report.classify_secs = self.timings.secs("classify");
-        report.skip_secs = self.timings.secs("distance");
+        report.skip_secs = OF_SKIPPER.iter().map(|s| self.timings.secs(s)).sum();
         report.macrocell_bytes = self
             .macrocells
             .values()
@@ -263,8 +464,11 @@ impl GpuRenderer {
             report.num_macrocells = cells.len() as usize;
             report.num_active = self.num_active;
             report.skip_bytes = cells.maps.iter().map(|m| m.size_bytes() as usize).sum();
+            if matches!(plan.method, SkipMethod::Mesh | SkipMethod::Boxes) {
+                report.skip_bytes += self.outline_bytes()[0] as usize;
+            }
         }
-        Ok(Rendering { frame, report })
+        self.review_choice(report);
     }
 
     /// Brings volume, transfer function and picture up to date, as far as the host can.
@@ -303,13 +507,19 @@ impl GpuRenderer {
                 is_sent: false,
             });
             self.skip = None;
-            self.choice = None;
+            self.outline_is_current = false;
+            self.choice_is_reviewed = false;
         }
         let (width, height) = (settings.width, settings.height);
-        let fits = |p: &Picture| p.width == width && p.height == height;
+        let rows = self
+            .share
+            .bands(height)
+            .map(|(first, end)| end - first)
+            .sum();
+        let fits = |p: &Picture| p.width == width && p.rows == rows;
         if !self.picture.as_ref().is_some_and(fits) {
             self.picture = None;
-            self.picture = Some(Picture::new(&self.device, width, height)?);
+            self.picture = Some(Picture::new(&self.device, width, rows)?);
         }
         Ok(())
     }
@@ -320,6 +530,8 @@ impl GpuRenderer {
         self.macrocells.clear();
         self.look = None;
         self.skip = None;
+        self.outline = None;
+        self.outline_is_current = false;
         self.choice = None;
     }
 
@@ -353,13 +565,13 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Renders a picture as planned.
-    fn picture(
+    /// Renders a picture as planned; it stays where the device has sent it.
+    pub(crate) fn draw(
         &mut self,
         scene: &Scene,
         settings: &RenderSettings,
         plan: Plan,
-    ) -> Result<vacua_render::Frame, GpuError> {
+    ) -> Result<(), GpuError> {
         let num_frames = settings.samples_per_pixel.max(1);
         let mut timings = Timings::default();
         for first in (0..num_frames).step_by(FRAMES_AT_ONCE as usize) {
@@ -368,143 +580,7 @@ impl GpuRenderer {
             timings.0.extend(found.0);
         }
         self.timings = timings;
-        match &self.picture {
-            Some(picture) => Ok(picture.frame()),
-            None => Err(GpuError::Render(RenderError::Size {
-                width: settings.width,
-                height: settings.height,
-            })),
-        }
-    }
-
-    /// Records and runs some frames of a picture, and all that must be redone before them. Sends
-    /// the picture back after the last.
-    fn submit(
-        &mut self,
-        scene: &Scene,
-        settings: &RenderSettings,
-        plan: Plan,
-        frames: std::ops::Range<u32>,
-        num_frames: u32,
-    ) -> Result<Timings, GpuError> {
-        let (Some(volume), Some(look), Some(picture)) =
-            (&self.volume, &mut self.look, &self.picture)
-        else {
-            return Ok(Timings::default());
-        };
-        let unsupported = |what: &str| GpuError::Unsupported {
-            what: what.to_owned(),
-            device: self.device.name().to_owned(),
-        };
-        let is_skipping = match plan.method {
-            SkipMethod::None => false,
-            SkipMethod::Grid => true,
-            other => return Err(unsupported(&format!("--skip {}", other.name()))),
-        };
-        if settings.overlay != Overlay::None {
-            return Err(unsupported("--overlay"));
-        }
-        let lattice = Lattice::new(volume.space.axes.clone(), plan.side)
-            .map_err(|e| GpuError::Render(RenderError::Lattice(e)))?;
-        let mut parameters = Parameters::default();
-        view::rays(&mut parameters, scene, settings, &volume.space)?;
-        let clips = view::half_spaces(scene, &volume.space);
-        let clip_bytes: &[u8] = bytemuck::cast_slice(&clips);
-        if clip_bytes.len() as u64 > self.tables.clips.size_bytes() {
-            return Err(unsupported(&format!("{} clip planes", clips.len())));
-        }
-        fill(&mut parameters, volume, look, &lattice, clips.len());
-        parameters.picture[2] = u32::from(self.options.reach.max(1));
-        if is_skipping && !self.macrocells.contains_key(&plan.side) {
-            let cells = DeviceMacrocells::new(&self.device, &lattice)?;
-            self.macrocells.insert(plan.side, cells);
-        }
-        let key = SkipKey {
-            side: plan.side,
-            integrator: settings.integrator,
-        };
-        let mut push = self.tables.push(volume, picture);
-        let mut cells = self.macrocells.get_mut(&plan.side).filter(|_| is_skipping);
-        let wants_ranges = cells.as_ref().is_some_and(|m| !m.is_ready);
-        let wants_map = is_skipping && self.skip != Some(key);
-        if let Some(cells) = &cells {
-            push.ranges = cells.ranges.address();
-            push.skip = cells.maps[1].address();
-        }
-        let special = pipelines::special(volume, look.table.is_log, settings, is_skipping);
-        let mut get = |shader| self.pipelines.get(&self.layout, shader, special);
-        let march = get(Shader::March)?;
-        let ranges = wants_ranges.then(|| get(Shader::Ranges)).transpose()?;
-        let classify = wants_map.then(|| get(Shader::Classify)).transpose()?;
-        let distance = wants_map.then(|| get(Shader::Distance)).transpose()?;
-        let tables = &self.tables;
-        let table_is_new = !look.is_sent;
-        let is_last = frames.end == num_frames;
-        let timings = self.commands.run(&self.layout, |recorder| {
-            recorder.stage("tables", |r| {
-                r.write(&tables.parameters, bytemuck::bytes_of(&parameters));
-                if !clips.is_empty() {
-                    r.write(&tables.clips, clip_bytes);
-                }
-                if table_is_new {
-                    r.write(&tables.entries, &look.table.entry_bytes());
-                    r.write(
-                        &tables.next_active,
-                        bytemuck::cast_slice(&look.table.next_active),
-                    );
-                }
-                if wants_map {
-                    r.clear(&tables.counter);
-                }
-            });
-            if let (Some(cells), Some(pipeline)) = (&cells, &ranges) {
-                recorder.stage("ranges", |r| r.dispatch(pipeline, &push, cells.groups()));
-            }
-            if let (Some(cells), Some(classify), Some(distance)) = (&cells, &classify, &distance) {
-                let groups = cells.word_groups();
-                let maps = cells.maps.each_ref().map(Buffer::address);
-                recorder.stage("classify", |r| {
-                    let skip = maps[0];
-                    r.dispatch(classify, &Push { skip, ..push }, groups);
-                });
-                recorder.stage("distance", |r| {
-                    for axis in 0..3 {
-                        let (from, to) = (axis % 2, (axis + 1) % 2);
-                        let pass = Push {
-                            skip_before: maps[from],
-                            skip: maps[to],
-                            axis: axis as u32,
-                            ..push
-                        };
-                        r.dispatch(distance, &pass, groups);
-                        r.barrier();
-                    }
-                });
-            }
-            for frame in frames {
-                let pass = pass(push, settings, frame, num_frames);
-                recorder.stage("march", |r| r.dispatch(&march, &pass, tiles(settings)));
-            }
-            if is_last {
-                recorder.stage("copy", |r| {
-                    picture.send(r);
-                    r.copy(&tables.counter, &tables.counted, 0, 4);
-                });
-            }
-            Ok(())
-        })?;
-        look.is_sent = true;
-        if let Some(cells) = &mut cells {
-            cells.is_ready = true;
-        }
-        if wants_map {
-            self.skip = Some(key);
-        }
-        if is_last && is_skipping {
-            let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..4]);
-            self.num_active = counted[0] as usize;
-        }
-        Ok(timings)
+        Ok(())
     }
 }
 
@@ -518,73 +594,18 @@ impl Renderer for GpuRenderer {
     }
 }
 
-impl Tables {
-    /// Addresses of everything that does not depend on macrocells.
-    fn push(&self, volume: &DeviceVolume, picture: &Picture) -> Push {
-        Push {
-            table: self.entries.address(),
-            next_active: self.next_active.address(),
-            counter: self.counter.address(),
-            planes: volume.planes.as_ref().map_or(0, |p| p.buffer.address()),
-            blanked: volume.blanked.as_ref().map_or(0, Buffer::address),
-            clips: self.clips.address(),
-            rgba: picture.rgba.address(),
-            depth: picture.depth.address(),
-            samples: picture.samples.address(),
-            ..Push::default()
-        }
-    }
-}
-
-/// Fills in what depends on volume, transfer function and macrocells.
-fn fill(
-    parameters: &mut Parameters,
-    volume: &DeviceVolume,
-    look: &Look,
-    lattice: &Lattice,
-    num_clips: usize,
-) {
-    let [x, y] = volume.sides.map(|n| 1.0 / n as f32);
-    parameters.texel = [x, y, volume.texel[0], volume.texel[1]];
-    let [lo, bins_per_key, largest] = look.table.scale;
-    parameters.table_scale = [lo, bins_per_key, largest, look.threshold];
-    let cells = lattice.axes().each_ref().map(|a| a.cells() as u32);
-    parameters.cells = [cells[0], cells[1], cells[2], volume.slab_cells];
-    let last = cells.map(|n| (n - 1) as f32);
-    parameters.last_cell = [last[0], last[1], last[2], 1.0 / lattice.side() as f32];
-    let [cx, cy, cz] = lattice.counts().map(|n| n as u32);
-    parameters.macrocells = [cx, cy, cz, lattice.side() as u32];
-    parameters.axis_offset[3] = num_clips as u32;
-    if let Some(planes) = &volume.planes {
-        parameters.axis_offset[..3].copy_from_slice(&planes.offsets);
-        parameters.bins_per_unit[..3].copy_from_slice(&planes.bins_per_unit);
-    }
-}
-
-/// The push constants of one frame among those that are summed.
-fn pass(push: Push, settings: &RenderSettings, frame: u32, num_frames: u32) -> Push {
-    let number = settings.first_frame.wrapping_add(frame);
-    let jitter = match settings.jitter {
-        Jitter::Auto => settings.samples_per_pixel > 1 || settings.first_frame > 0,
-        Jitter::On => true,
-        Jitter::Off => false,
-    };
-    let is_sum = num_frames > 1 && frame + 1 == num_frames;
-    Push {
-        offset: pixel_offset(number).map(|v| v as f32),
-        jitter: if jitter {
-            (f64::from(number) * GOLDEN).fract() as f32
-        } else {
-            -1.0
-        },
-        weight: if is_sum { 1.0 / num_frames as f32 } else { 0.0 },
-        frame,
-        ..push
-    }
-}
-
-/// Workgroups of the march.
-fn tiles(settings: &RenderSettings) -> [u32; 3] {
-    let across = |n: usize| (n as u32).div_ceil(TILE);
-    [across(settings.width), across(settings.height), 1]
+/// The first bytes of a buffer.
+fn download(
+    device: &Arc<Device>,
+    commands: &mut Commands,
+    layout: &Layout,
+    (from, len): (&Buffer, usize),
+) -> Result<Vec<u8>, GpuError> {
+    let to = Buffer::new(device, "reading", from.size_bytes(), Place::Download)?;
+    commands.run(layout, |recorder| {
+        recorder.copy(from, &to, 0, from.size_bytes());
+        recorder.barrier();
+        Ok(())
+    })?;
+    Ok(to.bytes()[..len].to_vec())
 }

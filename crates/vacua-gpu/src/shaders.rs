@@ -1,19 +1,41 @@
 //! The compiled shaders. Sources lie beside their callers; `cargo xtask shaders` compiles them.
 
-/// Ranges of macrocells.
-pub(crate) const RANGES: &[u8] = include_bytes!("ranges.spv");
-/// Which macrocells are active.
-pub(crate) const CLASSIFY: &[u8] = include_bytes!("classify.spv");
-/// A pass of the distance map.
-pub(crate) const DISTANCE: &[u8] = include_bytes!("distance.spv");
-/// The picture.
-pub(crate) const MARCH: &[u8] = include_bytes!("march.spv");
+/// Names all shaders.
+macro_rules! shaders {
+    ($($(#[$doc:meta])* $name:ident = $file:literal;)*) => {
+        $($(#[$doc])* pub(crate) const $name: &[u8] = include_bytes!(concat!($file, ".spv"));)*
 
-/// All of them, by name.
-#[cfg(test)]
-pub(crate) const ALL: [(&str, &[u8]); 4] = [
-    ("ranges", RANGES),
-    ("classify", CLASSIFY),
-    ("distance", DISTANCE),
-    ("march", MARCH),
-];
+        /// All of them, by name.
+        #[cfg(test)]
+        pub(crate) const ALL: &[(&str, &[u8])] = &[$(($file, $name)),*];
+    };
+}
+
+shaders! {
+    /// Ranges of macrocells.
+    RANGES = "ranges";
+    /// Which macrocells are active.
+    CLASSIFY = "classify";
+    /// A pass of the distance map.
+    DISTANCE = "distance";
+    /// Faces of the boundary in each group of lattice points.
+    BOUNDARY_COUNT = "boundary_count";
+    /// Faces before each group, and of all.
+    BOUNDARY_SCAN = "boundary_scan";
+    /// The boundary's faces and triangles.
+    BOUNDARY_WRITE = "boundary_write";
+    /// The picture, by `none` and `grid`.
+    MARCH = "march";
+    /// The picture, by `mesh` through ray queries.
+    QUERY = "query";
+    /// The picture, by `mesh` on a ray tracing pipeline.
+    MESH_GENERATION = "mesh.rgen";
+    /// The picture, by `boxes` on a ray tracing pipeline.
+    BOXES_GENERATION = "boxes.rgen";
+    /// Where a ray enters a box.
+    BOXES_INTERSECTION = "boxes.rint";
+    /// What a ray meets first.
+    TRACE_HIT = "trace.rchit";
+    /// A ray meets nothing.
+    TRACE_MISS = "trace.rmiss";
+}

@@ -17,6 +17,8 @@ const uint MAX_SAMPLES = 1u << 23;
 // The largest number below 1.
 const float BELOW_ONE = 0.99999994;
 const float LARGEST = 3.40282347e38;
+// Times that a highlight's cosine is squared.
+const int LIGHT_DOUBLINGS = 5;
 
 // What a pipeline is specialised for.
 layout(constant_id = 0) const bool SKIPPING = true;
@@ -73,8 +75,22 @@ layout(set = 0, binding = 0, std140) uniform Parameters {
     uvec4 macrocells;
     // Where the axes begin in the buffer of planes; w: number of clip planes.
     uvec4 axis_offset;
-    // Pixels a row, rows; z: reach of the distance map.
+    // Pixels a row, rows; reach of the distance map; w: devices that share the picture (upper 16
+    // bits) and the number of this one.
     uvec4 picture;
+    // Light where a surface is seen edge-on, what is added towards the camera, highlight.
+    vec4 light;
+    // Faces of the boundary, three words each: axis (2 bits), whether it looks up the axis (1 bit)
+    // and number of its plane; then macrocells along the two axes that follow. For boxes, six
+    // numbers each (as bits).
+    Words faces;
+    // What acceleration structures are built of: six corners a face.
+    Numbers corners;
+    // Faces of each group of lattice points, and after the scan those of all groups before it.
+    Words face_counts;
+    // Number of these groups; what faces are wider than they are, so that no edge is missed.
+    uint num_face_groups;
+    float flange;
 } parameters;
 
 layout(push_constant, std430) uniform Push {

@@ -12,6 +12,13 @@ pub(crate) const TILE: u32 = 16;
 /// Invocations of a workgroup that works on macrocells, four to each.
 pub(crate) const GROUP: u32 = 256;
 
+/// Lattice points that a workgroup looks at for faces of the boundary.
+pub(crate) const POINTS_A_GROUP: u32 = 8 * GROUP;
+
+/// Words that describe a face of the boundary, and numbers of its corners.
+pub(crate) const FACE_WORDS: u64 = 3;
+pub(crate) const FACE_NUMBERS: u64 = 18;
+
 /// Numbers of the constants that pipelines are specialised by.
 pub(crate) mod constant {
     pub const SKIPPING: u32 = 0;
@@ -52,6 +59,12 @@ pub(crate) struct Parameters {
     pub macrocells: [u32; 4],
     pub axis_offset: [u32; 4],
     pub picture: [u32; 4],
+    pub light: [f32; 4],
+    pub faces: u64,
+    pub corners: u64,
+    pub face_counts: u64,
+    pub num_face_groups: u32,
+    pub flange: f32,
 }
 
 /// The push constants `Push`; buffers by their address.

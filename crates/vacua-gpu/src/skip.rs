@@ -9,7 +9,7 @@ use std::sync::Arc;
 use vacua_skip::Lattice;
 
 use crate::error::GpuError;
-use crate::shared::GROUP;
+use crate::shared::{GROUP, POINTS_A_GROUP};
 use crate::vulkan::{Buffer, Device, Place};
 
 /// Ranges of macrocells of one size.
@@ -41,6 +41,18 @@ impl DeviceMacrocells {
         })
     }
 
+    /// Points of their lattice; `None` if there are more than shaders can number.
+    pub fn points(&self) -> Option<u32> {
+        let points = self
+            .counts
+            .iter()
+            .map(|&n| u64::from(n) + 1)
+            .product::<u64>();
+        // The last group of points may reach beyond them.
+        u32::try_from(points + u64::from(POINTS_A_GROUP)).ok()?;
+        u32::try_from(points).ok()
+    }
+
     /// How many there are.
     pub fn len(&self) -> u64 {
         self.counts.iter().map(|&n| u64::from(n)).product()
@@ -58,7 +70,7 @@ impl DeviceMacrocells {
 }
 
 /// Spreads workgroups over two axes; shaders number them the same way.
-fn spread(groups: u64) -> [u32; 3] {
+pub(crate) fn spread(groups: u64) -> [u32; 3] {
     const MOST: u64 = 65535;
     [groups.min(MOST) as u32, groups.div_ceil(MOST) as u32, 1]
 }

@@ -45,10 +45,17 @@ impl DeviceTable {
         }
     }
 
-    /// The entries as they are sent: whole words, rounded up.
+    /// The entries as they are sent, one of padding, and for each bin both ends of its extinction,
+    /// which is all that most samples ask for.
     pub fn entry_bytes(&self) -> Vec<u8> {
-        let words = self.entries.iter().flatten();
-        words.flat_map(|half| half.to_le_bytes()).collect()
+        let padding = [[f16::ZERO; 4]];
+        let entries = self.entries.iter().chain(&padding).flatten();
+        let ends = self
+            .entries
+            .windows(2)
+            .flat_map(|pair| [&pair[0][3], &pair[1][3]]);
+        let halves = entries.chain(ends);
+        halves.flat_map(|half| half.to_le_bytes()).collect()
     }
 }
 
@@ -71,7 +78,13 @@ mod tests {
         let range = ValueRange { lo: 0.0, hi: 1.0 };
         let table = TransferTable::new(&function.expect("sorted"), range, ValueMap::IDENTITY);
         let device = DeviceTable::new(&table);
-        assert_eq!(device.entry_bytes().len(), 8 * (TRANSFER_BINS + 1));
+        let bytes = device.entry_bytes();
+        let ends = &bytes[8 * (TRANSFER_BINS + 2)..];
+        assert_eq!(ends.len(), 4 * TRANSFER_BINS);
+        for (bin, ends) in ends.chunks(4).enumerate() {
+            let found = [0, 2].map(|i| f16::from_le_bytes([ends[i], ends[i + 1]]));
+            assert_eq!(found, [device.entries[bin][3], device.entries[bin + 1][3]]);
+        }
         assert!(
             device.scale[2] > 1e9,
             "extinction per metre of nanometre data"

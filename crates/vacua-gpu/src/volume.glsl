@@ -1,6 +1,6 @@
 // Values of the volume. Texels come as the format gives them (0 to 1 for integers); what is computed
-// from them becomes a value as it is rendered by one multiplication and one addition, each monotone
-// and exact for whole numbers.
+// from them becomes a value as it is rendered by one multiplication and one addition, each monotone,
+// and exact for whole numbers where the format's conversion rounds correctly.
 
 layout(set = 0, binding = 1) uniform sampler2DArray images[MAX_SLABS];
 

@@ -5,5 +5,6 @@ pub use vacua_simd::BLOCK;
 
 pub use crate::blocks::{MAX_LEVEL, SpanMinima};
 pub use crate::cpu::{check, pixel_offset};
+pub use crate::light::{LIGHT, LightModel};
 pub use crate::setup::GOLDEN;
 pub use crate::space::RaySpace;

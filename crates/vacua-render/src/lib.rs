@@ -16,6 +16,7 @@ mod data;
 mod error;
 mod frame;
 mod hexahedron;
+mod light;
 mod march;
 mod overlay;
 mod packed;

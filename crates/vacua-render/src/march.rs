@@ -11,6 +11,7 @@ use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, LANES, Mask, Simd, per_axis};
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
 use crate::blocks::{BlockPair, Group, Sampled, Visit};
+use crate::light::LIGHT;
 use crate::sampler::Sampler;
 use crate::setup::{LaneRay, TILE_RAYS, TileRays};
 
@@ -153,12 +154,6 @@ pub(crate) struct Light {
 }
 
 impl Light {
-    const AMBIENT: f32 = 0.35;
-    const DIFFUSE: f32 = 0.65;
-    const SPECULAR: f32 = 0.25;
-    /// Exponent of the highlight, a power of two.
-    const SHININESS: u32 = 32;
-
     /// Factor on the colour and white added to it. Where there is no gradient, there is no surface
     /// and the colour stays.
     #[inline(always)]
@@ -172,14 +167,14 @@ impl Light {
         let along = g[0] * S::F::splat(t[0]) + g[1] * S::F::splat(t[1]) + g[2] * S::F::splat(t[2]);
         let lit = S::F::splat(f32::MIN_POSITIVE).lt(length_sq);
         let cosine = along.abs().div(length_sq.sqrt()).min(S::F::splat(1.0));
-        let factor = cosine.mul_add(S::F::splat(Self::DIFFUSE), S::F::splat(Self::AMBIENT));
+        let factor = cosine.mul_add(S::F::splat(LIGHT.diffuse), S::F::splat(LIGHT.ambient));
         let mut shine = cosine;
-        for _ in 0..Self::SHININESS.ilog2() {
+        for _ in 0..LIGHT.shininess.ilog2() {
             shine = shine * shine;
         }
         (
             factor.select(lit, S::F::splat(1.0)),
-            (shine * S::F::splat(Self::SPECULAR)).or_zero(lit),
+            (shine * S::F::splat(LIGHT.specular)).or_zero(lit),
         )
     }
 }

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use vacua_gpu::{DeviceChoice, GpuError, GpuRenderer};
+use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuRenderer};
 use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Rendering, Scene};
 
 /// What renders.
@@ -15,6 +15,8 @@ pub enum Device {
     Cpu,
     /// The best Vulkan device, even one that is a program on the CPU; or one by its number.
     Gpu(Option<usize>),
+    /// All Vulkan devices that are hardware, each making a part of every picture.
+    AllGpus,
 }
 
 impl FromStr for Device {
@@ -26,8 +28,11 @@ impl FromStr for Device {
             "cpu" => Ok(Self::Cpu),
             other => match other.parse() {
                 Ok(DeviceChoice::Number(number)) => Ok(Self::Gpu(Some(number))),
+                Ok(DeviceChoice::All) => Ok(Self::AllGpus),
                 Ok(_) => Ok(Self::Gpu(None)),
-                Err(_) => Err(format!("expected auto, cpu, gpu or gpu:N, found `{other}`")),
+                Err(_) => Err(format!(
+                    "expected auto, cpu, gpu, gpu:N or gpu:all, found `{other}`"
+                )),
             },
         }
     }
@@ -35,7 +40,7 @@ impl FromStr for Device {
 
 /// A renderer on a device, or on whichever one fits.
 pub struct Backend {
-    gpu: Option<GpuRenderer>,
+    gpu: Option<GpuGroup>,
     cpu: Option<CpuRenderer>,
     threads: Option<usize>,
     /// Whether the CPU may step in for the GPU.
@@ -65,8 +70,9 @@ impl Backend {
             }
             Device::Gpu(None) => DeviceChoice::Any,
             Device::Gpu(Some(number)) => DeviceChoice::Number(number),
+            Device::AllGpus => DeviceChoice::All,
         };
-        match GpuRenderer::new(choice) {
+        match GpuGroup::new(choice) {
             Ok(gpu) => backend.gpu = Some(gpu),
             Err(error) if backend.is_auto => backend.fall_back(&error)?,
             Err(error) => return Err(error.into()),
@@ -83,15 +89,17 @@ impl Backend {
         Ok(())
     }
 
-    /// What renders: `cpu`, or `gpu:N` and the name of the device.
+    /// What renders: `cpu`, or `gpu:N` and the name of the device, of each if there are several.
     pub fn name(&self) -> String {
-        match &self.gpu {
-            Some(gpu) => {
-                let info = gpu.device().info();
-                format!("gpu:{} {}", info.number, info.name)
-            }
-            None => "cpu".to_owned(),
-        }
+        let Some(group) = &self.gpu else {
+            return "cpu".to_owned();
+        };
+        let name = |gpu: &GpuRenderer| {
+            let info = gpu.device().info();
+            format!("gpu:{} {}", info.number, info.name)
+        };
+        let names: Vec<String> = group.members().iter().map(name).collect();
+        names.join(", ")
     }
 
     /// Why the CPU renders, if a GPU was looked for.
@@ -99,9 +107,9 @@ impl Backend {
         self.reason.as_deref()
     }
 
-    /// The renderer on the GPU, if that is what renders.
+    /// The renderer on the GPU, if that is what renders; the first one if there are several.
     pub fn gpu(&self) -> Option<&GpuRenderer> {
-        self.gpu.as_ref()
+        self.gpu.as_ref()?.members().first()
     }
 }
 
@@ -147,6 +155,7 @@ mod tests {
         assert_eq!("cpu".parse(), Ok(Device::Cpu));
         assert_eq!("gpu".parse(), Ok(Device::Gpu(None)));
         assert_eq!("gpu:3".parse(), Ok(Device::Gpu(Some(3))));
+        assert_eq!("gpu:all".parse(), Ok(Device::AllGpus));
         for wrong in ["", "GPU", "gpu:", "gpu:x", "cpu:1"] {
             assert!(wrong.parse::<Device>().is_err(), "{wrong}");
         }

@@ -15,6 +15,12 @@ pub(super) fn all(results: &SkipResults) -> String {
          paper.\n",
         options.scale, options.size.0, options.size.1, options.repeats,
     );
+    if let Some(device) = &results.device {
+        text += &format!(
+            "Rendered on {device}: stages and frames by its own clock (clustering by the host's), \
+             T_total as a caller sees it.\n"
+        );
+    }
     if options.scale < 1.0 {
         text += &format!(
             "Counts compare at scale 1 only: here macrocells of K = 8 cover as much of the object \

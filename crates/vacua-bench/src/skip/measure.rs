@@ -3,11 +3,14 @@
 use std::sync::Arc;
 
 use rayon::ThreadPool;
+use vacua_gpu::GpuRenderer;
 use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Scene, Shading};
 use vacua_synth::Spec;
 use vacua_volume::{TransferFunction, Volume};
 
-use super::{BuildResult, FrameResult, Method, Model, ModelResult, SkipOptions, StageTimes};
+use super::{
+    BuildResult, FrameResult, Method, Model, ModelResult, SkipOptions, StageTimes, device,
+};
 use crate::cell::Cell;
 use crate::error::BenchError;
 use crate::paper;
@@ -29,8 +32,15 @@ pub(super) fn model(
         model,
         points: spec.points,
         bytes: spec.points.iter().map(|&n| n as u64).product::<u64>() * value_bytes,
-        builds: match &made {
-            Ok((volume, look)) => pool.install(|| {
+        builds: match (&made, options.device) {
+            (Ok(made), Some(choice)) => {
+                let how = (options.sides.as_slice(), options.repeats);
+                device::builds(model, made, choice, how).unwrap_or_else(|e| {
+                    let why = e.to_string();
+                    sides.map(|&side| empty_build(model, side, &why)).collect()
+                })
+            }
+            (Ok((volume, look)), None) => pool.install(|| {
                 sides
                     .map(|&side| {
                         tracing::info!(%model, side, "measuring what an edit rebuilds");
@@ -39,7 +49,7 @@ pub(super) fn model(
                     })
                     .collect()
             }),
-            Err(e) => sides
+            (Err(e), _) => sides
                 .map(|&side| empty_build(model, side, &e.to_string()))
                 .collect(),
         },
@@ -47,7 +57,7 @@ pub(super) fn model(
     }
 }
 
-type Made = (Arc<Volume>, TransferFunction);
+pub(super) type Made = (Arc<Volume>, TransferFunction);
 
 fn load(spec: Spec, scale: f64) -> Result<Made, BenchError> {
     tracing::info!(kind = %spec.kind, points = ?spec.points, "making a volume");
@@ -77,7 +87,7 @@ fn build(
     })
 }
 
-fn empty_build(model: Model, side: usize, why: &str) -> BuildResult {
+pub(super) fn empty_build(model: Model, side: usize, why: &str) -> BuildResult {
     BuildResult {
         side,
         macrocells: Cell::empty(why),
@@ -197,9 +207,15 @@ fn too_few(cells: &[FrameResult], index: usize, samples: u64) -> Option<String> 
     })
 }
 
+/// What renders.
+enum Player {
+    Cpu(Box<CpuRenderer>),
+    Gpu(Box<GpuRenderer>),
+}
+
 /// A renderer with two scenes that differ only in whether they are the same.
 struct Theatre {
-    renderer: CpuRenderer,
+    player: Player,
     scenes: [Scene; 2],
     settings: RenderSettings,
     repeats: usize,
@@ -210,7 +226,10 @@ impl Theatre {
         let other = volumes::edited(&look)?;
         let (width, height) = options.size;
         Ok(Self {
-            renderer: CpuRenderer::new(options.threads)?,
+            player: match options.device {
+                None => Player::Cpu(Box::new(CpuRenderer::new(options.threads)?)),
+                Some(choice) => Player::Gpu(Box::new(GpuRenderer::new(choice)?)),
+            },
             scenes: [look, other].map(|look| Scene::new(volume.clone(), look)),
             settings: RenderSettings {
                 width,
@@ -234,7 +253,13 @@ impl Theatre {
         let mut times = Vec::new();
         for i in 0..=self.repeats {
             let scene = &self.scenes[if cell.rebuilt { i % 2 } else { 0 }];
-            let (rendering, secs) = timed(|| self.renderer.render(scene, &settings));
+            let (rendering, secs) = match &mut self.player {
+                Player::Cpu(cpu) => timed(|| cpu.render(scene, &settings)),
+                Player::Gpu(gpu) => {
+                    let rendering = gpu.render(scene, &settings);
+                    (rendering, device::frame_secs(gpu.timings()))
+                }
+            };
             samples = rendering?.frame.total_samples();
             if i > 0 {
                 times.push(secs);

@@ -4,6 +4,7 @@
 //! at a smaller scale S, macrocells of K cells cover as much of the object as macrocells of K / S
 //! do in the paper, so that counts compare at scale 1 only, and shares between rows.
 
+mod device;
 mod markdown;
 mod measure;
 
@@ -11,6 +12,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use vacua_gpu::{DeviceChoice, GpuRenderer};
 use vacua_render::SkipMethod;
 use vacua_synth::Kind;
 
@@ -117,6 +119,9 @@ pub struct SkipOptions {
     pub models: Vec<Model>,
     /// Leaves out four rays a pixel.
     pub quick: bool,
+    /// On which GPU; on the CPU if not given.
+    #[serde(skip)]
+    pub device: Option<DeviceChoice>,
 }
 
 impl Default for SkipOptions {
@@ -129,6 +134,7 @@ impl Default for SkipOptions {
             sides: vec![8, 16, 32],
             models: Model::ALL.to_vec(),
             quick: false,
+            device: None,
         }
     }
 }
@@ -195,6 +201,8 @@ pub(crate) fn check_common(
 pub struct SkipResults {
     /// Where and when.
     pub machine: Machine,
+    /// Name of the GPU; none for the CPU.
+    pub device: Option<String>,
     /// How.
     pub options: SkipOptions,
     /// Macrocell side of Table 4.
@@ -291,8 +299,13 @@ pub fn run(options: &SkipOptions) -> Result<SkipResults, BenchError> {
     let models = models
         .map(|&model| measure::model(model, options, rebuild_side, &pool))
         .collect();
+    let device = match options.device {
+        Some(choice) => Some(GpuRenderer::new(choice)?.device().name().to_owned()),
+        None => None,
+    };
     Ok(SkipResults {
         machine,
+        device,
         options: options.clone(),
         rebuild_side,
         models,

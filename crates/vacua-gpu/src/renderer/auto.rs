@@ -1,19 +1,25 @@
-//! `auto`: which macrocell size is fastest on this device for this scene, or none, by measurement.
+//! `auto`: which method and macrocell size is fastest on this device for this scene, by measurement.
 //!
 //! Each candidate renders the picture once to settle and once to be timed by the device's clock; a
-//! frame takes a few milliseconds where it pays. The choice is kept until the transfer function
-//! changes.
+//! frame takes a few milliseconds where it pays. A choice survives edits of the transfer function as
+//! long as about as much is seen.
 
-use vacua_render::{RenderSettings, Scene, SkipMethod};
+use vacua_render::{RenderReport, RenderSettings, Scene, SkipMethod};
 
-use super::{DEFAULT_SIDE, GpuRenderer, Plan};
+use super::{DEFAULT_SIDE, GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
 
 /// Macrocell sides that are tried.
 const SIDES: [usize; 2] = [16, 8];
 
-/// Pictures of fewer pixels are not worth measuring.
-const LEAST_PIXELS: usize = 1 << 18;
+/// Where a smaller part of the macrocells is active, skipping is faster than not skipping.
+const CROWDED: f64 = 0.3;
+
+/// Macrocells that are clustered into boxes just to measure, at most: it is done on the host.
+const MOST_CLUSTERED: usize = 1 << 19;
+
+/// Change of the active part, as a factor, that makes a choice doubtful.
+const DOUBTFUL: f64 = 1.5;
 
 /// What a choice was made for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,6 +28,7 @@ pub(super) struct Wanted {
     integrator: vacua_render::Integrator,
     shading: vacua_render::Shading,
     size: [usize; 2],
+    tracer: Option<Tracer>,
 }
 
 /// What was chosen, and why.
@@ -29,6 +36,8 @@ pub(super) struct Wanted {
 pub(super) struct Choice {
     plan: Plan,
     reason: String,
+    /// Part of the macrocells that was active; unknown before the first picture.
+    active: Option<f64>,
 }
 
 impl GpuRenderer {
@@ -43,24 +52,47 @@ impl GpuRenderer {
             integrator: settings.integrator,
             shading: settings.shading,
             size: [settings.width, settings.height],
+            tracer: self.options.tracer,
         };
         if let Some((_, choice)) = self.choice.as_ref().filter(|(w, _)| *w == wanted) {
-            return Ok((choice.plan, choice.reason.clone(), false));
+            // What a picture without skipping shows of the new transfer function is not known.
+            if self.choice_is_reviewed || choice.plan.method != SkipMethod::None {
+                return Ok((choice.plan, choice.reason.clone(), false));
+            }
         }
-        let choice = if settings.width * settings.height < LEAST_PIXELS {
+        let choice = if settings.width * settings.height < self.options.least_pixels {
             Choice {
-                plan: Plan {
-                    method: SkipMethod::Grid,
-                    side: settings.macrocell_side.unwrap_or(DEFAULT_SIDE),
-                },
+                plan: walk(settings.macrocell_side.unwrap_or(DEFAULT_SIDE)),
                 reason: "the picture is too small to measure".to_owned(),
+                active: None,
             }
         } else {
             self.measure(scene, settings)?
         };
         let (plan, reason) = (choice.plan, choice.reason.clone());
         self.choice = Some((wanted, choice));
+        self.choice_is_reviewed = true;
         Ok((plan, reason, true))
+    }
+
+    /// Drops a choice that was made for a transfer function with which much more or less is seen.
+    pub(super) fn review_choice(&mut self, report: &RenderReport) {
+        let Some((_, choice)) = &mut self.choice else {
+            return;
+        };
+        let is_its_own = (report.method, report.macrocell_side)
+            == (choice.plan.method, choice.plan.side)
+            && report.num_macrocells > 0;
+        if !is_its_own {
+            return;
+        }
+        let part = (report.num_active as f64 / report.num_macrocells as f64).max(1e-6);
+        let before = *choice.active.get_or_insert(part);
+        let is_doubtful = part > DOUBTFUL * before || before > DOUBTFUL * part;
+        self.choice_is_reviewed = !is_doubtful;
+        if is_doubtful {
+            self.choice = None;
+        }
     }
 
     fn measure(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Choice, GpuError> {
@@ -68,31 +100,122 @@ impl GpuRenderer {
             Some(side) => vec![side],
             None => SIDES.to_vec(),
         };
-        let grid = |side| Plan {
-            method: SkipMethod::Grid,
-            side,
+        let mut contest = Contest::default();
+        for &side in &sides {
+            contest.enter(self, scene, settings, walk(side))?;
+        }
+        let num = |r: &Self, side| r.macrocells.get(&side).map_or(1, |m| m.len() as usize);
+        let part = self.num_active as f64 / num(self, sides[sides.len() - 1]) as f64;
+        let tracers = match self.options.tracer {
+            Some(tracer) => vec![tracer],
+            None => self.tracers(),
         };
-        let mut plans: Vec<Plan> = sides.iter().copied().map(grid).collect();
-        plans.push(Plan {
-            method: SkipMethod::None,
-            side: sides[0],
-        });
-        let mut best: Option<(f64, Plan)> = None;
-        let mut times = Vec::new();
-        for plan in plans {
-            // More frames are to come, so that nothing is sent back.
-            self.submit(scene, settings, plan, 0..1, 2)?;
-            let secs = self.submit(scene, settings, plan, 0..1, 2)?.secs("march");
-            times.push(match plan.method {
-                SkipMethod::None => format!("none {:.2} ms", 1e3 * secs),
-                method => format!("{} K={} {:.2} ms", method.name(), plan.side, 1e3 * secs),
-            });
-            if best.is_none_or(|(least, _)| secs < least) {
-                best = Some((secs, plan));
+        let mesh = |side, tracer| Plan {
+            method: SkipMethod::Mesh,
+            side,
+            tracer: Some(tracer),
+        };
+        for tracer in tracers {
+            // Where the coarser boundary is no match for the walk, a finer one is none either.
+            for &side in &sides {
+                if contest.enter(self, scene, settings, mesh(side, tracer))? > 1.5 * contest.least()
+                {
+                    break;
+                }
             }
         }
-        let plan = best.map_or(grid(DEFAULT_SIDE), |(_, plan)| plan);
-        let reason = format!("fastest on the device: {}", times.join(", "));
-        Ok(Choice { plan, reason })
+        let is_small = num(self, sides[0]) <= MOST_CLUSTERED;
+        if is_small && self.device.info().has_ray_tracing() && contest.rays_are_near() {
+            let boxes = Plan {
+                method: SkipMethod::Boxes,
+                ..walk(sides[0])
+            };
+            contest.enter(self, scene, settings, boxes)?;
+        }
+        if part > CROWDED {
+            let none = Plan {
+                method: SkipMethod::None,
+                ..walk(sides[0])
+            };
+            contest.enter(self, scene, settings, none)?;
+        }
+        Ok(contest.choice())
+    }
+}
+
+/// The walk over the distance map.
+fn walk(side: usize) -> Plan {
+    Plan {
+        method: SkipMethod::Grid,
+        side,
+        tracer: None,
+    }
+}
+
+/// Candidates and their times.
+#[derive(Default)]
+struct Contest {
+    entries: Vec<(Plan, f64)>,
+}
+
+impl Contest {
+    /// Times a candidate, in seconds; what the device cannot do, or has no memory for, takes for ever.
+    fn enter(
+        &mut self,
+        renderer: &mut GpuRenderer,
+        scene: &Scene,
+        settings: &RenderSettings,
+        plan: Plan,
+    ) -> Result<f64, GpuError> {
+        // More frames are to come, so that nothing is sent back.
+        let mut submit = || renderer.submit(scene, settings, plan, 0..1, 2);
+        let settled = submit();
+        match settled.and_then(|_| submit()) {
+            Ok(timings) => {
+                let secs = timings.secs("march");
+                self.entries.push((plan, secs));
+                Ok(secs)
+            }
+            Err(GpuError::Unsupported { .. } | GpuError::Memory { .. })
+                if plan != walk(plan.side) =>
+            {
+                Ok(f64::INFINITY)
+            }
+            Err(other) => Err(other),
+        }
+    }
+
+    fn best(&self) -> Option<&(Plan, f64)> {
+        self.entries.iter().min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn least(&self) -> f64 {
+        self.best().map_or(f64::INFINITY, |(_, secs)| *secs)
+    }
+
+    /// Whether tracing the boundary is not far behind: boxes never are ahead of it by much.
+    fn rays_are_near(&self) -> bool {
+        let mut traced = self
+            .entries
+            .iter()
+            .filter(|(p, _)| p.method == SkipMethod::Mesh);
+        traced.any(|(_, secs)| *secs <= 1.5 * self.least())
+    }
+
+    fn choice(&self) -> Choice {
+        let name = |plan: &Plan| match (plan.method, plan.tracer) {
+            (SkipMethod::None, _) => "none".to_owned(),
+            (SkipMethod::Mesh, Some(Tracer::Query)) => format!("mesh by queries K={}", plan.side),
+            (method, _) => format!("{} K={}", method.name(), plan.side),
+        };
+        let times = self.entries.iter();
+        let times: Vec<String> = times
+            .map(|(plan, secs)| format!("{} {:.2} ms", name(plan), 1e3 * secs))
+            .collect();
+        Choice {
+            plan: self.best().map_or(walk(DEFAULT_SIDE), |(plan, _)| *plan),
+            reason: format!("fastest on the device: {}", times.join(", ")),
+            active: None,
+        }
     }
 }

@@ -10,16 +10,33 @@ use crate::error::GpuError;
 use crate::shaders;
 use crate::shared::{constant, words};
 use crate::volume::DeviceVolume;
-use crate::vulkan::{ComputePipeline, Constant, Layout};
+use crate::vulkan::{ComputePipeline, Constant, Layout, RayPipeline, RayShaders};
 
-/// A shader.
+/// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Shader {
     Ranges,
     Classify,
     Distance,
+    BoundaryCount,
+    BoundaryScan,
+    BoundaryWrite,
     March,
+    Query,
 }
+
+/// All constants that pictures depend on.
+const OF_PICTURES: &[u32] = &[
+    constant::SKIPPING,
+    constant::CELL_DATA,
+    constant::CHECK_FINITE,
+    constant::LOG_SCALE,
+    constant::SHADED,
+    constant::MAXIMUM,
+    constant::BLANKED,
+    constant::RECTILINEAR,
+    constant::NUM_SLABS,
+];
 
 impl Shader {
     fn spirv(self) -> &'static [u8] {
@@ -27,7 +44,11 @@ impl Shader {
             Self::Ranges => shaders::RANGES,
             Self::Classify => shaders::CLASSIFY,
             Self::Distance => shaders::DISTANCE,
+            Self::BoundaryCount => shaders::BOUNDARY_COUNT,
+            Self::BoundaryScan => shaders::BOUNDARY_SCAN,
+            Self::BoundaryWrite => shaders::BOUNDARY_WRITE,
             Self::March => shaders::MARCH,
+            Self::Query => shaders::QUERY,
         }
     }
 
@@ -37,20 +58,20 @@ impl Shader {
         match self {
             Self::Ranges => &[CELL_DATA, CHECK_FINITE, BLANKED, NUM_SLABS],
             Self::Classify => &[LOG_SCALE, MAXIMUM],
-            Self::Distance => &[],
-            Self::March => &[
-                SKIPPING,
-                CELL_DATA,
-                CHECK_FINITE,
-                LOG_SCALE,
-                SHADED,
-                MAXIMUM,
-                BLANKED,
-                RECTILINEAR,
-                NUM_SLABS,
-            ],
+            Self::Distance | Self::BoundaryCount | Self::BoundaryScan => &[],
+            Self::BoundaryWrite => &[RECTILINEAR],
+            Self::March | Self::Query => OF_PICTURES,
         }
     }
+}
+
+/// What a ray tracing pipeline meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Met {
+    /// Faces of the boundary.
+    Mesh,
+    /// Proxy boxes.
+    Boxes,
 }
 
 /// What pipelines are specialised for, in the order of the constants' numbers.
@@ -80,33 +101,68 @@ pub(super) fn special(
     special
 }
 
+fn constants(numbers: &[u32], special: Special) -> Vec<Constant> {
+    let constant = |&id: &u32| Constant {
+        id,
+        bits: special[id as usize],
+    };
+    numbers.iter().map(constant).collect()
+}
+
 /// All pipelines so far.
 #[derive(Default)]
-pub(super) struct Pipelines(HashMap<(Shader, Vec<Constant>), Arc<ComputePipeline>>);
+pub(super) struct Pipelines {
+    compute: HashMap<(Shader, Vec<Constant>), Arc<ComputePipeline>>,
+    rays: HashMap<(Met, Vec<Constant>), Arc<RayPipeline>>,
+}
 
 impl Pipelines {
-    /// A pipeline, compiled if it is new.
+    /// A compute pipeline, compiled if it is new.
     pub fn get(
         &mut self,
         layout: &Layout,
         shader: Shader,
         special: Special,
     ) -> Result<Arc<ComputePipeline>, GpuError> {
-        let constants: Vec<Constant> = shader
-            .constants()
-            .iter()
-            .map(|&id| Constant {
-                id,
-                bits: special[id as usize],
-            })
-            .collect();
-        let key = (shader, constants);
-        if let Some(found) = self.0.get(&key) {
+        let key = (shader, constants(shader.constants(), special));
+        if let Some(found) = self.compute.get(&key) {
             return Ok(found.clone());
         }
         let spirv = words(shader.spirv()).unwrap_or_default();
         let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
-        self.0.insert(key, pipeline.clone());
+        self.compute.insert(key, pipeline.clone());
+        Ok(pipeline)
+    }
+
+    /// A ray tracing pipeline, compiled if it is new.
+    pub fn rays(
+        &mut self,
+        layout: &Layout,
+        met: Met,
+        special: Special,
+    ) -> Result<Arc<RayPipeline>, GpuError> {
+        let key = (met, constants(OF_PICTURES, special));
+        if let Some(found) = self.rays.get(&key) {
+            return Ok(found.clone());
+        }
+        let code = |spirv| words(spirv).unwrap_or_default();
+        let (generation, intersection) = match met {
+            Met::Mesh => (shaders::MESH_GENERATION, None),
+            Met::Boxes => (
+                shaders::BOXES_GENERATION,
+                Some(code(shaders::BOXES_INTERSECTION)),
+            ),
+        };
+        let (generation, miss) = (code(generation), code(shaders::TRACE_MISS));
+        let closest_hit = code(shaders::TRACE_HIT);
+        let shaders = RayShaders {
+            generation: &generation,
+            miss: &miss,
+            closest_hit: &closest_hit,
+            intersection: intersection.as_deref(),
+        };
+        let pipeline = Arc::new(RayPipeline::new(layout, &shaders, &key.1)?);
+        self.rays.insert(key, pipeline.clone());
         Ok(pipeline)
     }
 }

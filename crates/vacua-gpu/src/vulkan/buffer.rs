@@ -16,6 +16,8 @@ pub(crate) enum Place {
     Upload,
     /// On the host, read by it: cached.
     Download,
+    /// On the device if the host can write there, else on the host: small tables.
+    Shared,
 }
 
 impl Place {
@@ -29,10 +31,13 @@ impl Place {
         const CACHED: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
             SHARED.as_raw() | vk::MemoryPropertyFlags::HOST_CACHED.as_raw(),
         );
+        const BOTH: vk::MemoryPropertyFlags =
+            vk::MemoryPropertyFlags::from_raw(SHARED.as_raw() | LOCAL.as_raw());
         match self {
             Self::Device => &[LOCAL, ANY],
             Self::Upload => &[SHARED],
             Self::Download => &[CACHED, SHARED],
+            Self::Shared => &[BOTH, SHARED],
         }
     }
 }
@@ -50,6 +55,8 @@ pub(crate) struct Buffer {
 
 // SAFETY: the mapping is plain memory that only `&mut self` writes through.
 unsafe impl Send for Buffer {}
+// SAFETY: as above; a shared reference only reads.
+unsafe impl Sync for Buffer {}
 
 impl Buffer {
     /// A buffer of at least one byte; its contents are undefined.
@@ -60,16 +67,11 @@ impl Buffer {
         place: Place,
     ) -> Result<Self, GpuError> {
         let size_bytes = size_bytes.max(16).next_multiple_of(16);
-        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
-            | vk::BufferUsageFlags::UNIFORM_BUFFER
-            | vk::BufferUsageFlags::TRANSFER_SRC
-            | vk::BufferUsageFlags::TRANSFER_DST
-            | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
         let create = vk::BufferCreateInfo::default()
             .size(size_bytes)
-            .usage(usage);
+            .usage(device.buffer_usage());
         let name = device.name();
-        // SAFETY: the size is positive, the usage needs no extension.
+        // SAFETY: the size is positive, the usage is what the device was opened for.
         let raw =
             unsafe { device.raw().create_buffer(&create, None) }.named("making a buffer", name)?;
         let mut buffer = Self {

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use ash::vk;
+use bytemuck::Pod;
 
-use super::{Buffer, ComputePipeline, Device, Layers, Layout, Named};
+use super::{Buffer, ComputePipeline, Device, Layers, Layout, Named, RayPipeline};
 use crate::error::GpuError;
-use crate::shared::Push;
 
 /// Most stages that are timed in one submission.
 const MAX_STAGES: u32 = 64;
@@ -144,6 +144,11 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
+    /// What is being recorded into.
+    pub(super) fn raw_commands(&self) -> vk::CommandBuffer {
+        self.commands.buffer
+    }
+
     fn raw(&self) -> &ash::Device {
         self.commands.device.raw()
     }
@@ -181,7 +186,7 @@ impl Recorder<'_> {
         let barrier = [vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
             .dst_access_mask(access | vk::AccessFlags::HOST_READ)];
-        let from = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let from = self.commands.device.pipeline_stages() | vk::PipelineStageFlags::TRANSFER;
         // SAFETY: recording has begun.
         unsafe {
             self.raw().cmd_pipeline_barrier(
@@ -197,17 +202,40 @@ impl Recorder<'_> {
     }
 
     /// Runs a shader over workgroups.
-    pub fn dispatch(&self, pipeline: &ComputePipeline, push: &Push, groups: [u32; 3]) {
+    pub fn dispatch(&self, pipeline: &ComputePipeline, push: &impl Pod, groups: [u32; 3]) {
         let (raw, buffer, layout) = (self.raw(), self.commands.buffer, self.layout.raw());
         let point = vk::PipelineBindPoint::COMPUTE;
-        // SAFETY: pipeline and set have this layout; `Push` is its block of push constants;
+        // SAFETY: pipeline and set have this layout; `push` fits into its push constants;
         // workgroup counts are below 65536, which every device allows.
         unsafe {
             raw.cmd_bind_pipeline(buffer, point, pipeline.raw());
             raw.cmd_bind_descriptor_sets(buffer, point, layout, 0, &[self.layout.set()], &[]);
-            let stages = vk::ShaderStageFlags::COMPUTE;
+            let stages = self.commands.device.shader_stages();
             raw.cmd_push_constants(buffer, layout, stages, 0, bytemuck::bytes_of(push));
             raw.cmd_dispatch(buffer, groups[0], groups[1], groups[2]);
+        }
+    }
+
+    /// Runs the ray generation shader of a pipeline, an invocation each of width and height.
+    pub fn trace(&self, pipeline: &RayPipeline, push: &impl Pod, [width, height]: [u32; 2]) {
+        let Some(functions) = self.commands.device.ray_functions() else {
+            return;
+        };
+        let Some(functions) = &functions.pipelines else {
+            return;
+        };
+        let (raw, buffer, layout) = (self.raw(), self.commands.buffer, self.layout.raw());
+        let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
+        let [generation, miss, hit] = pipeline.tables();
+        let none = vk::StridedDeviceAddressRegionKHR::default();
+        // SAFETY: pipeline and set have this layout, the set an acceleration structure that is
+        // built; `push` fits into its push constants; the tables hold the pipeline's own groups.
+        unsafe {
+            raw.cmd_bind_pipeline(buffer, point, pipeline.raw());
+            raw.cmd_bind_descriptor_sets(buffer, point, layout, 0, &[self.layout.set()], &[]);
+            let stages = self.commands.device.shader_stages();
+            raw.cmd_push_constants(buffer, layout, stages, 0, bytemuck::bytes_of(push));
+            functions.cmd_trace_rays(buffer, generation, miss, hit, &none, width, height, 1);
         }
     }
 
@@ -232,8 +260,22 @@ impl Recorder<'_> {
 
     /// Copies the first bytes of one buffer to a place in another.
     pub fn copy(&self, from: &Buffer, to: &Buffer, to_offset: u64, bytes: u64) {
-        debug_assert!(bytes <= from.size_bytes() && to_offset + bytes <= to.size_bytes());
-        let region = [vk::BufferCopy::default().dst_offset(to_offset).size(bytes)];
+        self.copy_between((from, 0), (to, to_offset), bytes);
+    }
+
+    /// Copies bytes from a place in one buffer to a place in another.
+    pub fn copy_between(
+        &self,
+        (from, from_offset): (&Buffer, u64),
+        (to, to_offset): (&Buffer, u64),
+        bytes: u64,
+    ) {
+        debug_assert!(from_offset + bytes <= from.size_bytes());
+        debug_assert!(to_offset + bytes <= to.size_bytes());
+        let region = [vk::BufferCopy::default()
+            .src_offset(from_offset)
+            .dst_offset(to_offset)
+            .size(bytes)];
         // SAFETY: the region lies within both.
         unsafe {
             self.raw()

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk;
 
+use super::ray_tracing::{RayFeatures, RayFunctions};
 use super::{DeviceInfo, Instance, Named};
 use crate::error::GpuError;
 
@@ -12,6 +13,7 @@ use crate::error::GpuError;
 pub struct Device {
     info: DeviceInfo,
     raw: ash::Device,
+    ray_functions: Option<RayFunctions>,
     queue: Mutex<vk::Queue>,
     memory: vk::PhysicalDeviceMemoryProperties,
     instance: Arc<Instance>,
@@ -33,12 +35,18 @@ impl Device {
         if info.has_budget {
             extensions.push(ash::ext::memory_budget::NAME.as_ptr());
         }
+        let mut ray_features = RayFeatures::default();
+        let create = vk::DeviceCreateInfo::default();
+        let create = match info.ray_tracing {
+            Some(found) => ray_features.ask_for(found, &mut extensions, create),
+            None => create,
+        };
         let features = vk::PhysicalDeviceFeatures::default().shader_float64(true);
         let mut features_12 = vk::PhysicalDeviceVulkan12Features::default()
             .buffer_device_address(true)
             .host_query_reset(true)
             .shader_sampled_image_array_non_uniform_indexing(true);
-        let create = vk::DeviceCreateInfo::default()
+        let create = create
             .queue_create_infos(&queues)
             .enabled_extension_names(&extensions)
             .enabled_features(&features)
@@ -55,9 +63,13 @@ impl Device {
                 .raw()
                 .get_physical_device_memory_properties(info.physical)
         };
+        let ray_functions = info
+            .ray_tracing
+            .map(|found| RayFunctions::new(instance.raw(), &raw, found));
         Ok(Arc::new(Self {
             info,
             raw,
+            ray_functions,
             queue: Mutex::new(queue),
             memory,
             instance,
@@ -81,6 +93,42 @@ impl Device {
 
     pub(crate) fn raw(&self) -> &ash::Device {
         &self.raw
+    }
+
+    /// The functions of ray tracing, where it has any.
+    pub(crate) fn ray_functions(&self) -> Option<&RayFunctions> {
+        self.ray_functions.as_ref()
+    }
+
+    /// Uses of buffers that every buffer may be put to.
+    pub(super) fn buffer_usage(&self) -> vk::BufferUsageFlags {
+        let mut usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST
+            | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+        if let Some(found) = self.info.ray_tracing {
+            usage |= found.buffer_usage();
+        }
+        usage
+    }
+
+    /// Stages of pipelines that run our shaders.
+    pub(super) fn pipeline_stages(&self) -> vk::PipelineStageFlags {
+        let mut stages = vk::PipelineStageFlags::COMPUTE_SHADER;
+        if let Some(found) = self.info.ray_tracing {
+            stages |= found.pipeline_stages();
+        }
+        stages
+    }
+
+    /// Shaders that see parameters, images and push constants.
+    pub(super) fn shader_stages(&self) -> vk::ShaderStageFlags {
+        let mut stages = vk::ShaderStageFlags::COMPUTE;
+        if self.info.has_ray_tracing() {
+            stages |= vk::ShaderStageFlags::RAYGEN_KHR | vk::ShaderStageFlags::INTERSECTION_KHR;
+        }
+        stages
     }
 
     /// Bytes of its own memory that are free, as far as the driver tells.

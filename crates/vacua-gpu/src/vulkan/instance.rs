@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ash::vk;
 
+use super::ray_tracing::RayTracing;
 use super::{Device, Named};
 use crate::error::GpuError;
 
@@ -27,6 +28,8 @@ pub enum DeviceChoice {
     Any,
     /// One by its number in the loader's order.
     Number(usize),
+    /// All that are hardware, or all there are if none is; where one is to be opened, the best.
+    All,
 }
 
 impl FromStr for DeviceChoice {
@@ -35,11 +38,14 @@ impl FromStr for DeviceChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.split_once(':') {
             None if text == "gpu" => Ok(Self::Any),
+            Some(("gpu", "all")) => Ok(Self::All),
             Some(("gpu", number)) => number
                 .parse()
                 .map(Self::Number)
                 .map_err(|_| format!("`{number}` is no number of a device")),
-            _ => Err(format!("`{text}` is no device, expected gpu or gpu:N")),
+            _ => Err(format!(
+                "`{text}` is no device, expected gpu, gpu:N or gpu:all"
+            )),
         }
     }
 }
@@ -79,6 +85,19 @@ pub struct DeviceInfo {
     pub(crate) max_side: u32,
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
+    pub(crate) ray_tracing: Option<RayTracing>,
+}
+
+impl DeviceInfo {
+    /// Whether it has acceleration structures and ray tracing pipelines.
+    pub fn has_ray_tracing(&self) -> bool {
+        self.ray_tracing.is_some_and(|r| r.has_pipelines)
+    }
+
+    /// Whether compute shaders may ask acceleration structures themselves.
+    pub fn has_ray_queries(&self) -> bool {
+        self.ray_tracing.is_some_and(|r| r.has_queries)
+    }
 }
 
 impl fmt::Display for DeviceInfo {
@@ -241,6 +260,29 @@ impl Instance {
         }
     }
 
+    /// The devices of a choice, one by one: their numbers for [`DeviceChoice::All`], else the choice.
+    ///
+    /// # Errors
+    /// [`GpuError::NoDevice`], or what the driver says.
+    pub fn resolve(&self, choice: DeviceChoice) -> Result<Vec<DeviceChoice>, GpuError> {
+        if choice != DeviceChoice::All {
+            return Ok(vec![choice]);
+        }
+        let devices = self.devices()?;
+        let usable: Vec<&DeviceInfo> = devices.iter().filter(|d| d.lacks.is_empty()).collect();
+        let has_hardware = usable.iter().any(|d| d.kind != DeviceKind::Cpu);
+        let chosen = usable
+            .iter()
+            .filter(|d| !(has_hardware && d.kind == DeviceKind::Cpu));
+        let numbers: Vec<_> = chosen.map(|d| DeviceChoice::Number(d.number)).collect();
+        if numbers.is_empty() {
+            return Err(GpuError::NoDevice {
+                refused: devices.iter().map(ToString::to_string).collect(),
+            });
+        }
+        Ok(numbers)
+    }
+
     fn describe(&self, number: usize, physical: vk::PhysicalDevice) -> DeviceInfo {
         let mut limits_11 = vk::PhysicalDeviceVulkan11Properties::default();
         let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut limits_11);
@@ -302,8 +344,10 @@ impl Instance {
         let has_budget = extensions
             .iter()
             .any(|e| e.extension_name_as_c_str() == Ok(ash::ext::memory_budget::NAME));
+        let ray_tracing = RayTracing::describe(&self.raw, physical, &extensions);
         DeviceInfo {
             number,
+            ray_tracing,
             name: base
                 .device_name_as_c_str()
                 .map(|name| name.to_string_lossy().into_owned())
@@ -369,6 +413,7 @@ mod tests {
     fn choices_read_as_written() {
         assert_eq!("gpu".parse(), Ok(DeviceChoice::Any));
         assert_eq!("gpu:2".parse(), Ok(DeviceChoice::Number(2)));
+        assert_eq!("gpu:all".parse(), Ok(DeviceChoice::All));
         for wrong in ["", "cpu", "gpu:", "gpu:-1", "gpu2", "gpu:1:1"] {
             assert!(wrong.parse::<DeviceChoice>().is_err(), "{wrong}");
         }

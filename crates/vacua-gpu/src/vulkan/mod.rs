@@ -7,6 +7,9 @@ mod device;
 mod image;
 mod instance;
 mod pipeline;
+mod ray_pipeline;
+mod ray_tracing;
+mod structure;
 
 pub(crate) use buffer::{Buffer, Place};
 pub use commands::Timings;
@@ -15,6 +18,9 @@ pub use device::Device;
 pub(crate) use image::{Layers, Sampler};
 pub use instance::{DeviceChoice, DeviceInfo, DeviceKind, Instance};
 pub(crate) use pipeline::{ComputePipeline, Constant, Layout};
+pub(crate) use ray_pipeline::{RayPipeline, RayShaders};
+pub use structure::Preference;
+pub(crate) use structure::{BuildMode, CompactedSize, Shapes, Structure};
 
 use ash::vk;
 

@@ -9,6 +9,9 @@ use super::{Buffer, Device, Layers, Named, Sampler};
 use crate::error::GpuError;
 use crate::shared::{MAX_SLABS, Push};
 
+/// Where shaders find the acceleration structure, on devices that have them.
+const SCENE_BINDING: u32 = 2;
+
 /// A value that specialises a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Constant {
@@ -18,7 +21,8 @@ pub(crate) struct Constant {
     pub bits: u32,
 }
 
-/// What all pipelines are given: binding 0 the parameters, binding 1 the images.
+/// What all pipelines are given: binding 0 the parameters, binding 1 the images,
+/// and where there is ray tracing binding 2 the acceleration structure.
 pub(crate) struct Layout {
     device: Arc<Device>,
     set_layout: vk::DescriptorSetLayout,
@@ -43,25 +47,35 @@ impl Layout {
         };
         let raw = device.raw();
         let name = device.name();
-        let bindings = [
+        let stages = device.shader_stages();
+        let has_scene = device.info().ray_tracing.is_some();
+        let mut bindings = vec![
             vk::DescriptorSetLayoutBinding::default()
                 .binding(0)
                 .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER)
                 .descriptor_count(1)
-                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+                .stage_flags(stages),
             vk::DescriptorSetLayoutBinding::default()
                 .binding(1)
                 .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
                 .descriptor_count(MAX_SLABS as u32)
-                .stage_flags(vk::ShaderStageFlags::COMPUTE),
+                .stage_flags(stages),
         ];
+        if has_scene {
+            let scene = vk::DescriptorSetLayoutBinding::default()
+                .binding(SCENE_BINDING)
+                .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+                .descriptor_count(1)
+                .stage_flags(stages);
+            bindings.push(scene);
+        }
         let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         // SAFETY: pointers in `create` outlive the call; likewise below.
         layout.set_layout = unsafe { raw.create_descriptor_set_layout(&create, None) }
             .named("making a descriptor layout", name)?;
         let sets = [layout.set_layout];
         let push = [vk::PushConstantRange::default()
-            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .stage_flags(stages)
             .size(size_of::<Push>() as u32)];
         let create = vk::PipelineLayoutCreateInfo::default()
             .set_layouts(&sets)
@@ -69,7 +83,7 @@ impl Layout {
         // SAFETY: the set layout is alive.
         layout.pipeline_layout = unsafe { raw.create_pipeline_layout(&create, None) }
             .named("making a pipeline layout", name)?;
-        let sizes = [
+        let mut sizes = vec![
             vk::DescriptorPoolSize::default()
                 .ty(vk::DescriptorType::UNIFORM_BUFFER)
                 .descriptor_count(1),
@@ -77,6 +91,12 @@ impl Layout {
                 .ty(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
                 .descriptor_count(MAX_SLABS as u32),
         ];
+        if has_scene {
+            let scene = vk::DescriptorPoolSize::default()
+                .ty(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+                .descriptor_count(1);
+            sizes.push(scene);
+        }
         let create = vk::DescriptorPoolCreateInfo::default()
             .max_sets(1)
             .pool_sizes(&sizes);
@@ -127,8 +147,32 @@ impl Layout {
         unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) }
     }
 
+    /// Points binding 2 to an acceleration structure.
+    pub fn bind_scene(&mut self, scene: vk::AccelerationStructureKHR) {
+        let scenes = [scene];
+        let mut link = vk::WriteDescriptorSetAccelerationStructureKHR::default()
+            .acceleration_structures(&scenes);
+        let mut write = vk::WriteDescriptorSet::default()
+            .dst_set(self.set)
+            .dst_binding(SCENE_BINDING)
+            .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_KHR)
+            .push_next(&mut link);
+        write.descriptor_count = 1;
+        // SAFETY: submissions are waited for, so the set is not in use; it has this binding on
+        // every device that can make acceleration structures.
+        unsafe { self.device.raw().update_descriptor_sets(&[write], &[]) }
+    }
+
     pub fn raw(&self) -> vk::PipelineLayout {
         self.pipeline_layout
+    }
+
+    pub(super) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    pub(super) fn cache(&self) -> vk::PipelineCache {
+        self.cache
     }
 
     pub fn set(&self) -> vk::DescriptorSet {
@@ -149,6 +193,60 @@ impl Drop for Layout {
     }
 }
 
+/// A compiled shader, needed while pipelines are made.
+pub(super) struct Module<'a> {
+    device: &'a Device,
+    raw: vk::ShaderModule,
+}
+
+impl<'a> Module<'a> {
+    pub fn new(device: &'a Device, spirv: &[u32]) -> Result<Self, GpuError> {
+        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
+        // SAFETY: the code is SPIR-V that glslang wrote.
+        let raw = unsafe { device.raw().create_shader_module(&create, None) }
+            .named("loading a shader", device.name())?;
+        Ok(Self { device, raw })
+    }
+
+    pub fn raw(&self) -> vk::ShaderModule {
+        self.raw
+    }
+}
+
+impl Drop for Module<'_> {
+    fn drop(&mut self) {
+        // SAFETY: pipelines keep what they need of the module.
+        unsafe { self.device.raw().destroy_shader_module(self.raw, None) }
+    }
+}
+
+/// Values of constants, as pipelines are made with them.
+pub(super) struct Special {
+    entries: Vec<vk::SpecializationMapEntry>,
+    bits: Vec<u32>,
+}
+
+impl Special {
+    pub fn new(constants: &[Constant]) -> Self {
+        let entry = |(i, constant): (usize, &Constant)| {
+            vk::SpecializationMapEntry::default()
+                .constant_id(constant.id)
+                .offset(4 * i as u32)
+                .size(4)
+        };
+        Self {
+            entries: constants.iter().enumerate().map(entry).collect(),
+            bits: constants.iter().map(|c| c.bits).collect(),
+        }
+    }
+
+    pub fn info(&self) -> vk::SpecializationInfo<'_> {
+        vk::SpecializationInfo::default()
+            .map_entries(&self.entries)
+            .data(bytemuck::cast_slice(&self.bits))
+    }
+}
+
 /// A compute shader, specialised and ready.
 pub(crate) struct ComputePipeline {
     device: Arc<Device>,
@@ -160,29 +258,14 @@ impl ComputePipeline {
     pub fn new(layout: &Layout, spirv: &[u32], constants: &[Constant]) -> Result<Self, GpuError> {
         let device = &layout.device;
         let name = device.name();
-        let create = vk::ShaderModuleCreateInfo::default().code(spirv);
-        // SAFETY: the code is SPIR-V that glslang wrote.
-        let module = unsafe { device.raw().create_shader_module(&create, None) }
-            .named("loading a shader", name)?;
-        let entries: Vec<vk::SpecializationMapEntry> = constants
-            .iter()
-            .enumerate()
-            .map(|(i, constant)| {
-                vk::SpecializationMapEntry::default()
-                    .constant_id(constant.id)
-                    .offset(4 * i as u32)
-                    .size(4)
-            })
-            .collect();
-        let bits: Vec<u32> = constants.iter().map(|c| c.bits).collect();
-        let special = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(bytemuck::cast_slice(&bits));
+        let module = Module::new(device, spirv)?;
+        let special = Special::new(constants);
+        let info = special.info();
         let stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
-            .module(module)
+            .module(module.raw())
             .name(c"main")
-            .specialization_info(&special);
+            .specialization_info(&info);
         let create = [vk::ComputePipelineCreateInfo::default()
             .stage(stage)
             .layout(layout.pipeline_layout)];
@@ -192,8 +275,6 @@ impl ComputePipeline {
                 .raw()
                 .create_compute_pipelines(layout.cache, &create, None)
         };
-        // SAFETY: pipelines keep what they need of the module.
-        unsafe { device.raw().destroy_shader_module(module, None) };
         let made = made
             .map_err(|(_, result)| result)
             .named("compiling a shader", name)?;

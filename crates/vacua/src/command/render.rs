@@ -104,7 +104,7 @@ struct MethodArgs {
     /// Shift samples from pixel to pixel [default: on from two rays a pixel]
     #[arg(long, value_enum)]
     jitter: Option<Switch>,
-    /// What renders: auto, cpu, gpu or gpu:N
+    /// What renders: auto, cpu, gpu, gpu:N or gpu:all (each makes a part of the picture)
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     device: Device,
     /// Threads [default: all there are]

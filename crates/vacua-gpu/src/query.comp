@@ -1,0 +1,39 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// One ray a pixel, by `mesh`, where compute shaders may ask acceleration structures themselves.
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_EXT_ray_query : require
+#include "shared.glsl"
+#include "lattice.glsl"
+#include "table.glsl"
+#include "volume.glsl"
+#include "ray.glsl"
+#include "sample.glsl"
+#include "light.glsl"
+#include "tile.glsl"
+#include "composite.glsl"
+#include "hit.glsl"
+#include "skip_mesh.glsl"
+#include "march.glsl"
+
+layout(set = 0, binding = 2) uniform accelerationStructureEXT scene;
+
+Hit first_hit(vec3 origin, float t_min, vec3 direction, float t_max, bool from_inside) {
+    uint flags = gl_RayFlagsOpaqueEXT
+        | (from_inside ? gl_RayFlagsCullFrontFacingTrianglesEXT : gl_RayFlagsCullBackFacingTrianglesEXT);
+    rayQueryEXT query;
+    rayQueryInitializeEXT(query, scene, flags, 0xff, origin, t_min, direction, t_max);
+    while (rayQueryProceedEXT(query)) {}
+    if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
+        return Hit(NO_HIT, t_max);
+    }
+    return Hit(
+        uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, true)),
+        rayQueryGetIntersectionTEXT(query, true)
+    );
+}
+
+void main() {
+    bring_table();
+    make_pixel(own_pixel());
+}

@@ -1,0 +1,159 @@
+//! One submission: what is out of date, then the rays of some frames.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
+
+use super::job::{Preparation, pass};
+use super::pipelines::{Met, Shader};
+use super::{GpuRenderer, Plan, Tracer};
+use crate::error::GpuError;
+use crate::shared::{Push, TILE};
+use crate::vulkan::{ComputePipeline, RayPipeline, Recorder, Timings};
+
+/// What makes the pixels.
+enum Marcher {
+    Compute(Arc<ComputePipeline>),
+    Rays(Arc<RayPipeline>),
+}
+
+impl Marcher {
+    fn record(&self, recorder: &Recorder<'_>, push: &Push, [width, rows]: [u32; 2]) {
+        match self {
+            Self::Compute(pipeline) => {
+                let groups = [width.div_ceil(TILE), rows.div_ceil(TILE), 1];
+                recorder.dispatch(pipeline, push, groups);
+            }
+            Self::Rays(pipeline) => recorder.trace(pipeline, push, [width, rows]),
+        }
+    }
+}
+
+impl GpuRenderer {
+    /// Records and runs some frames of a picture, and all that must be redone before them. Sends
+    /// the picture back after the last.
+    pub(super) fn submit(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        plan: Plan,
+        frames: Range<u32>,
+        num_frames: u32,
+    ) -> Result<Timings, GpuError> {
+        let mut timings = Timings::default();
+        if settings.overlay != Overlay::None {
+            return Err(self.unsupported("--overlay"));
+        }
+        let tracer = self.tracer_of(plan)?;
+        let Some(mut job) = self.job(scene, settings, plan)? else {
+            return Ok(timings);
+        };
+        let pending = match tracer {
+            Some(_) => self.outline(&mut job, plan, &mut timings)?,
+            None => None,
+        };
+        let steps = self.steps(&job, plan)?;
+        let marcher = match (tracer, plan.method) {
+            (Some(Tracer::Pipeline), SkipMethod::Boxes) => {
+                Marcher::Rays(self.pipelines.rays(&self.layout, Met::Boxes, job.special)?)
+            }
+            (Some(Tracer::Pipeline), _) => {
+                Marcher::Rays(self.pipelines.rays(&self.layout, Met::Mesh, job.special)?)
+            }
+            (tracer, _) => {
+                let shader = if tracer.is_some() {
+                    Shader::Query
+                } else {
+                    Shader::March
+                };
+                Marcher::Compute(self.pipelines.get(&self.layout, shader, job.special)?)
+            }
+        };
+        let write = match &pending {
+            Some(_) => Some(self.pipelines.get(
+                &self.layout,
+                Shader::BoundaryWrite,
+                job.special,
+            )?),
+            None => None,
+        };
+        let (Some(look), Some(picture)) = (&self.look, &self.picture) else {
+            return Ok(timings);
+        };
+        let is_skipping = plan.method != SkipMethod::None;
+        let tables = &self.tables;
+        let preparation = Preparation {
+            job: &job,
+            steps: &steps,
+            tables,
+            table: &look.table,
+            cells: self.macrocells.get(&plan.side).filter(|_| is_skipping),
+        };
+        let size = [picture.width as u32, picture.rows as u32];
+        let is_empty = picture.width * picture.rows == 0;
+        let is_last = frames.end == num_frames;
+        let outline = self.outline.as_ref();
+        let found = self.commands.run(&self.layout, |recorder| {
+            preparation.record(recorder);
+            if let (Some(pending), Some(outline), Some(write)) = (&pending, outline, &write) {
+                Self::record_outline(recorder, pending, outline, &job, write);
+            }
+            for frame in frames.filter(|_| !is_empty) {
+                let push = pass(job.push, settings, frame, num_frames);
+                recorder.stage("march", |r| marcher.record(r, &push, size));
+            }
+            if is_last {
+                recorder.stage("copy", |r| picture.send(r));
+            }
+            recorder.stage("count", |r| r.copy(&tables.counter, &tables.counted, 0, 8));
+            Ok(())
+        })?;
+        timings.0.extend(found.0);
+        self.done(&job, &steps);
+        self.outline_is_current |= pending.is_some();
+        if is_skipping {
+            let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..4]);
+            self.num_active = counted[0] as usize;
+        }
+        Ok(timings)
+    }
+
+    /// How a plan traces rays, if it does.
+    fn tracer_of(&self, plan: Plan) -> Result<Option<Tracer>, GpuError> {
+        let what = format!("--skip {}", plan.method.name());
+        match plan.method {
+            SkipMethod::None | SkipMethod::Grid => Ok(None),
+            SkipMethod::Auto => Err(self.unsupported(&what)),
+            SkipMethod::Boxes if !self.device.info().has_ray_tracing() => {
+                Err(self.unsupported(&what))
+            }
+            SkipMethod::Boxes => Ok(Some(Tracer::Pipeline)),
+            SkipMethod::Mesh => {
+                let tracer = plan.tracer.or_else(|| self.tracers().first().copied());
+                match tracer {
+                    Some(tracer) if self.tracers().contains(&tracer) => Ok(Some(tracer)),
+                    _ => Err(self.unsupported(&what)),
+                }
+            }
+        }
+    }
+
+    /// The ways in which the device can trace rays.
+    pub(super) fn tracers(&self) -> Vec<Tracer> {
+        let info = self.device.info();
+        let all = [
+            (info.has_ray_tracing(), Tracer::Pipeline),
+            (info.has_ray_queries(), Tracer::Query),
+        ];
+        let there = all.into_iter().filter(|(is_there, _)| *is_there);
+        there.map(|(_, tracer)| tracer).collect()
+    }
+
+    pub(super) fn unsupported(&self, what: &str) -> GpuError {
+        GpuError::Unsupported {
+            what: what.to_owned(),
+            device: self.device.name().to_owned(),
+        }
+    }
+}

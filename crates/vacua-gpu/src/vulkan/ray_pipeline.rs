@@ -1,0 +1,187 @@
+//! Ray tracing pipelines: one ray generation shader, what is met, what is not, and the tables in which
+//! devices look them up.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::pipeline::{Module, Special};
+use super::{Buffer, Constant, Device, Layout, Named, Place};
+use crate::error::GpuError;
+
+/// The compiled shaders of a pipeline.
+pub(crate) struct RayShaders<'a> {
+    pub generation: &'a [u32],
+    pub miss: &'a [u32],
+    pub closest_hit: &'a [u32],
+    /// For boxes; triangles need none.
+    pub intersection: Option<&'a [u32]>,
+}
+
+/// A ray tracing pipeline with its tables.
+pub(crate) struct RayPipeline {
+    device: Arc<Device>,
+    raw: vk::Pipeline,
+    tables: [vk::StridedDeviceAddressRegionKHR; 3],
+    /// Holds the tables.
+    memory: Option<Buffer>,
+}
+
+/// Groups of shaders: ray generation, miss, hit.
+const NUM_GROUPS: u32 = 3;
+
+impl RayPipeline {
+    /// Compiles the shaders; constants are those of all of them.
+    pub fn new(
+        layout: &Layout,
+        shaders: &RayShaders<'_>,
+        constants: &[Constant],
+    ) -> Result<Self, GpuError> {
+        let device = layout.device();
+        let name = device.name();
+        let lacking = || GpuError::Unsupported {
+            what: "a ray tracing pipeline".to_owned(),
+            device: name.to_owned(),
+        };
+        let functions = device.ray_functions().and_then(|f| f.pipelines.as_ref());
+        let functions = functions.ok_or_else(lacking)?;
+        let special = Special::new(constants);
+        let info = special.info();
+        let mut modules = Vec::new();
+        let mut kinds = Vec::new();
+        let given = [
+            (Some(shaders.generation), vk::ShaderStageFlags::RAYGEN_KHR),
+            (Some(shaders.miss), vk::ShaderStageFlags::MISS_KHR),
+            (
+                Some(shaders.closest_hit),
+                vk::ShaderStageFlags::CLOSEST_HIT_KHR,
+            ),
+            (shaders.intersection, vk::ShaderStageFlags::INTERSECTION_KHR),
+        ];
+        for (spirv, kind) in given {
+            if let Some(spirv) = spirv {
+                modules.push(Module::new(device, spirv)?);
+                kinds.push(kind);
+            }
+        }
+        let stages: Vec<vk::PipelineShaderStageCreateInfo> = modules
+            .iter()
+            .zip(&kinds)
+            .map(|(module, &kind)| {
+                let stage = vk::PipelineShaderStageCreateInfo::default()
+                    .stage(kind)
+                    .module(module.raw())
+                    .name(c"main");
+                if kind == vk::ShaderStageFlags::RAYGEN_KHR {
+                    stage.specialization_info(&info)
+                } else {
+                    stage
+                }
+            })
+            .collect();
+        let group = |ty| {
+            vk::RayTracingShaderGroupCreateInfoKHR::default()
+                .ty(ty)
+                .general_shader(vk::SHADER_UNUSED_KHR)
+                .closest_hit_shader(vk::SHADER_UNUSED_KHR)
+                .any_hit_shader(vk::SHADER_UNUSED_KHR)
+                .intersection_shader(vk::SHADER_UNUSED_KHR)
+        };
+        let hit = match shaders.intersection {
+            None => group(vk::RayTracingShaderGroupTypeKHR::TRIANGLES_HIT_GROUP),
+            Some(_) => {
+                group(vk::RayTracingShaderGroupTypeKHR::PROCEDURAL_HIT_GROUP).intersection_shader(3)
+            }
+        };
+        let general = vk::RayTracingShaderGroupTypeKHR::GENERAL;
+        let groups = [
+            group(general).general_shader(0),
+            group(general).general_shader(1),
+            hit.closest_hit_shader(2),
+        ];
+        let create = [vk::RayTracingPipelineCreateInfoKHR::default()
+            .stages(&stages)
+            .groups(&groups)
+            .max_pipeline_ray_recursion_depth(1)
+            .layout(layout.raw())];
+        // SAFETY: everything that `create` points to is alive.
+        let made = unsafe {
+            functions.create_ray_tracing_pipelines(
+                vk::DeferredOperationKHR::null(),
+                layout.cache(),
+                &create,
+                None,
+            )
+        };
+        let made = made
+            .map_err(|(_, result)| result)
+            .named("compiling ray tracing shaders", name)?;
+        let mut pipeline = Self {
+            device: device.clone(),
+            raw: made[0],
+            tables: Default::default(),
+            memory: None,
+        };
+        pipeline.fill_tables(functions)?;
+        Ok(pipeline)
+    }
+
+    /// One table a group, each with one handle.
+    fn fill_tables(
+        &mut self,
+        functions: &ash::khr::ray_tracing_pipeline::Device,
+    ) -> Result<(), GpuError> {
+        let Some(limits) = self.device.info().ray_tracing else {
+            return Ok(());
+        };
+        let handle = limits.handle_bytes as usize;
+        let stride = limits
+            .handle_bytes
+            .next_multiple_of(limits.handle_alignment.max(1));
+        let apart = stride.next_multiple_of(limits.table_alignment.max(1));
+        // SAFETY: the pipeline has this many groups.
+        let handles = unsafe {
+            functions.get_ray_tracing_shader_group_handles(
+                self.raw,
+                0,
+                NUM_GROUPS,
+                NUM_GROUPS as usize * handle,
+            )
+        }
+        .named("asking for shader handles", self.device.name())?;
+        let size = (u64::from(NUM_GROUPS) + 1) * apart;
+        let mut memory = Buffer::new(&self.device, "shader tables", size, Place::Shared)?;
+        let first = memory
+            .address()
+            .next_multiple_of(limits.table_alignment.max(1));
+        let skipped = first - memory.address();
+        for (i, handle) in handles.chunks_exact(handle).enumerate() {
+            let at = i as u64 * apart;
+            let start = (skipped + at) as usize;
+            memory.bytes_mut()[start..start + handle.len()].copy_from_slice(handle);
+            self.tables[i] = vk::StridedDeviceAddressRegionKHR {
+                device_address: first + at,
+                stride,
+                size: stride,
+            };
+        }
+        self.memory = Some(memory);
+        Ok(())
+    }
+
+    pub fn raw(&self) -> vk::Pipeline {
+        self.raw
+    }
+
+    /// Where ray generation, miss and hit shaders are looked up.
+    pub fn tables(&self) -> &[vk::StridedDeviceAddressRegionKHR; 3] {
+        &self.tables
+    }
+}
+
+impl Drop for RayPipeline {
+    fn drop(&mut self) {
+        // SAFETY: submissions are waited for, so nothing uses the pipeline.
+        unsafe { self.device.raw().destroy_pipeline(self.raw, None) }
+    }
+}

@@ -1,0 +1,320 @@
+//! `mesh` and `boxes`: pictures by tracing rays are those without skipping, to the bit.
+
+mod common;
+
+use common::*;
+use glam::DVec3;
+use vacua_gpu::{GpuOptions, GpuRenderer, Preference, StructureOptions, Tracer};
+use vacua_render::{
+    Camera, ClipPlane, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer, Scene,
+    Shading, SkipMethod,
+};
+use vacua_volume::{Association, Geometry, OpacityPoint, TransferFunction, ValueScale};
+
+const POINTS: [usize; 3] = [31, 29, 26];
+
+/// All ways to trace rays.
+const WAYS: [(SkipMethod, Tracer); 3] = [
+    (SkipMethod::Mesh, Tracer::Pipeline),
+    (SkipMethod::Mesh, Tracer::Query),
+    (SkipMethod::Boxes, Tracer::Pipeline),
+];
+
+/// A renderer on a device that traces rays.
+fn tracing(options: GpuOptions) -> Option<GpuRenderer> {
+    let gpu = renderer(options)?;
+    let info = gpu.device().info();
+    if info.has_ray_tracing() && info.has_ray_queries() {
+        return Some(gpu);
+    }
+    assert!(
+        std::env::var_os("VACUA_GPU_REQUIRED").is_none(),
+        "{} cannot trace rays",
+        gpu.device().name()
+    );
+    eprintln!("SKIPPED: {} cannot trace rays", gpu.device().name());
+    None
+}
+
+fn small() -> RenderSettings {
+    RenderSettings {
+        width: 48,
+        height: 40,
+        macrocell_side: Some(4),
+        ..settings()
+    }
+}
+
+fn bytes(geometry: Geometry, association: Association) -> Scene {
+    let volume = volume(geometry, association, shells, |v| (255.0 * v) as u8);
+    scene(volume, look(0.0, 255.0, 12.0, ValueScale::Linear))
+}
+
+fn picture(gpu: &mut GpuRenderer, scene: &Scene, settings: &RenderSettings) -> Frame {
+    gpu.render(scene, settings).expect("a good scene").frame
+}
+
+/// Every way to trace rays makes the picture of `none`, from fewer samples.
+fn check(gpu: &mut GpuRenderer, what: &str, scene: &Scene, settings: &RenderSettings) {
+    let with = |skip| RenderSettings {
+        skip,
+        ..settings.clone()
+    };
+    let whole = picture(gpu, scene, &with(SkipMethod::None));
+    assert!(!whole.is_blank(), "{what}: something is seen");
+    for (method, tracer) in WAYS {
+        gpu.set_tracer(Some(tracer));
+        let what = format!("{what}: {} by {tracer:?}", method.name());
+        let traced = picture(gpu, scene, &with(method));
+        assert_same_bits(&what, &traced, &whole);
+        assert!(
+            traced.total_samples() < whole.total_samples(),
+            "{what}: something is skipped"
+        );
+        assert!(gpu.num_outlined() > 0, "{what}");
+    }
+    assert_valid(gpu);
+}
+
+#[test]
+fn every_kind_of_grid() {
+    let Some(mut gpu) = tracing(GpuOptions::default()) else {
+        return;
+    };
+    for association in [Association::Point, Association::Cell] {
+        let scene = bytes(uniform(POINTS), association);
+        check(&mut gpu, "uniform", &scene, &small());
+        let scene = bytes(stretched(POINTS), association);
+        check(&mut gpu, "stretched", &scene, &small());
+    }
+}
+
+#[test]
+fn every_setting() {
+    let Some(mut gpu) = tracing(GpuOptions::default()) else {
+        return;
+    };
+    let scene = bytes(uniform(POINTS), Association::Point);
+    let all = [
+        (
+            "shaded",
+            RenderSettings {
+                shading: Shading::Gradient,
+                ..small()
+            },
+        ),
+        (
+            "maximum",
+            RenderSettings {
+                integrator: Integrator::MaximumIntensity,
+                ..small()
+            },
+        ),
+        (
+            "frames",
+            RenderSettings {
+                samples_per_pixel: 3,
+                jitter: Jitter::On,
+                ..small()
+            },
+        ),
+        (
+            "K 1",
+            RenderSettings {
+                macrocell_side: Some(1),
+                ..small()
+            },
+        ),
+        (
+            "long steps",
+            RenderSettings {
+                step: 3.0,
+                macrocell_side: Some(3),
+                ..small()
+            },
+        ),
+        (
+            "early, odd size",
+            RenderSettings {
+                termination: 0.5,
+                width: 37,
+                height: 51,
+                ..small()
+            },
+        ),
+    ];
+    for (what, settings) in all {
+        check(&mut gpu, what, &scene, &settings);
+    }
+    let cut = scene.clone().clip(ClipPlane {
+        point: DVec3::new(11.0, 8.0, 13.0),
+        normal: DVec3::new(1.0, 0.5, -2.0),
+    });
+    check(&mut gpu, "clip", &cut, &small());
+}
+
+/// Rays that run along planes between macrocells, or meet edges and corners, where a hit is easily
+/// missed or counted twice.
+#[test]
+fn rays_along_planes_and_through_edges() {
+    let Some(mut gpu) = tracing(GpuOptions::default()) else {
+        return;
+    };
+    let geometry = || {
+        let grid = vacua_volume::UniformGrid::new(POINTS, DVec3::ZERO, DVec3::ONE);
+        Geometry::Uniform(grid.expect("a grid"))
+    };
+    let scene = bytes(geometry(), Association::Point);
+    let placed = |eye, at, up, projection| Camera::Placed {
+        eye,
+        at,
+        up,
+        projection,
+    };
+    // A pixel is a quarter of a macrocell, and rays go through its corners or near them.
+    let parallel = Projection::Orthographic { height: 40.0 };
+    let narrow = Projection::Perspective { fov_degrees: 40.0 };
+    let middle = DVec3::new(16.0, 16.0, 12.0);
+    let mut cameras = Vec::new();
+    for (name, forward, up) in [
+        ("x", DVec3::X, DVec3::Y),
+        ("y", -DVec3::Y, DVec3::Z),
+        ("z", DVec3::Z, DVec3::X),
+    ] {
+        for nudge in [0.0, 0.5, 1e-6, -3e-5] {
+            let nudge = nudge * (DVec3::ONE - forward.abs());
+            let eye = middle - 60.0 * forward + nudge;
+            let what = format!("along {name}, beside by {nudge}");
+            cameras.push((what.clone(), placed(eye, middle + nudge, up, parallel)));
+            cameras.push((what, placed(eye, middle + nudge, up, narrow)));
+        }
+        // Nearly along planes: a macrocell's side is crossed over the whole volume.
+        let turn = 1e-5 * (up + forward.cross(up));
+        let eye = middle - 60.0 * (forward + turn);
+        cameras.push((
+            format!("nearly along {name}"),
+            placed(eye, middle, up, parallel),
+        ));
+    }
+    for (name, diagonal) in [("face", DVec3::new(1.0, 1.0, 0.0)), ("body", DVec3::ONE)] {
+        let eye = middle - 30.0 * diagonal;
+        cameras.push((
+            format!("diagonal of a {name}"),
+            placed(eye, middle, DVec3::Z, parallel),
+        ));
+    }
+    for (what, camera) in cameras {
+        let scene = scene.clone().camera(camera);
+        let settings = RenderSettings {
+            width: 40,
+            height: 40,
+            macrocell_side: Some(2),
+            ..small()
+        };
+        check(&mut gpu, &what, &scene, &settings);
+    }
+}
+
+#[test]
+fn cameras_inside_and_far_away() {
+    let Some(mut gpu) = tracing(GpuOptions::default()) else {
+        return;
+    };
+    let scene = bytes(uniform(POINTS), Association::Point);
+    let placed = |eye, fov_degrees| Camera::Placed {
+        eye,
+        at: DVec3::new(12.0, 8.0, 13.0),
+        up: DVec3::Y,
+        projection: Projection::Perspective { fov_degrees },
+    };
+    let inside = scene
+        .clone()
+        .camera(placed(DVec3::new(4.0, 5.0, 9.0), 70.0));
+    check(&mut gpu, "inside", &inside, &small());
+    let far = scene.camera(placed(DVec3::new(3e6, 2e6, 4e6), 5e-4));
+    check(&mut gpu, "far away", &far, &small());
+}
+
+/// A transfer function with its opacities moved up or down the values.
+fn moved(look: &TransferFunction, by: f64) -> TransferFunction {
+    let shift = |p: &OpacityPoint| OpacityPoint {
+        value: p.value + by,
+        ..*p
+    };
+    TransferFunction::new(
+        look.colors().to_vec(),
+        look.opacities().iter().map(shift).collect(),
+        look.unit_length(),
+        look.scale(),
+    )
+    .expect("points in order")
+}
+
+/// After every edit of the transfer function the picture is the one that a new renderer makes,
+/// however structures are kept up to date.
+#[test]
+fn edits_of_the_transfer_function() {
+    let options = |preference, compact, refit| GpuOptions {
+        structures: StructureOptions {
+            preference,
+            compact,
+            refit,
+        },
+        ..GpuOptions::default()
+    };
+    let scene = bytes(uniform(POINTS), Association::Point);
+    for options in [
+        options(Preference::FastTrace, false, false),
+        options(Preference::FastBuild, true, false),
+        options(Preference::FastTrace, false, true),
+    ] {
+        let Some(mut gpu) = tracing(options) else {
+            return;
+        };
+        let mut refits = 0;
+        // Triangles are moved only where there were triangles before.
+        let ways = if options.structures.refit {
+            &WAYS[..2]
+        } else {
+            &WAYS[..]
+        };
+        // Less is seen, then more, then nothing, then as at first.
+        for by in [0.0, 60.0, 10.0, -40.0, 300.0, 0.0] {
+            let look = moved(&scene.transfer_function, by);
+            let scene = scene.clone().transfer_function(look);
+            let whole = RenderSettings {
+                skip: SkipMethod::None,
+                ..small()
+            };
+            let whole = picture(&mut gpu, &scene, &whole);
+            for &(method, tracer) in ways {
+                gpu.set_tracer(Some(tracer));
+                let settings = RenderSettings {
+                    skip: method,
+                    ..small()
+                };
+                let what = format!("{options:?}, by {by}: {} by {tracer:?}", method.name());
+                let traced = picture(&mut gpu, &scene, &settings);
+                assert_same_bits(&what, &traced, &whole);
+                let took = |stage| gpu.timings().0.iter().any(|(name, _)| *name == stage);
+                refits += usize::from(took("refit"));
+                let is_built = took("blas") || took("refit");
+                assert_eq!(is_built, tracer == Tracer::Pipeline, "{what}: once an edit");
+                assert_eq!(
+                    took("compact"),
+                    options.structures.compact && is_built && method == SkipMethod::Mesh,
+                    "{what}"
+                );
+            }
+            let grid = RenderSettings {
+                skip: SkipMethod::Grid,
+                ..small()
+            };
+            let grid = picture(&mut gpu, &scene, &grid);
+            assert_same_bits("grid", &grid, &whole);
+        }
+        // Edits move triangles as long as there is room for as many as they leave.
+        assert_eq!(refits > 0, options.structures.refit, "{options:?}");
+        assert_valid(&gpu);
+    }
+}
