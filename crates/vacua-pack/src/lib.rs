@@ -63,6 +63,7 @@ mod pairs;
 mod partition;
 mod pool;
 mod section;
+pub mod small;
 mod spill;
 mod submesh;
 mod volume;
