@@ -28,6 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = EncodeOptions {
         variant: match rest.first().map(String::as_str) {
             Some("1") => Variant::MultiLeaves,
+            Some("small") => Variant::Small,
             _ => Variant::MultiNodes,
         },
         index_bits: rest.get(1).map_or(Ok(16), |b| b.parse())?,

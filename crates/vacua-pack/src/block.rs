@@ -16,6 +16,7 @@
 //!
 //! Source: paper B, §5.2 to §5.6, one sample at a time on a GPU. Deviation: many at a time.
 
+mod clusters;
 mod descend;
 mod gradients;
 mod maps;
@@ -121,7 +122,7 @@ impl<'a> BlockSampler<'a> {
         let mut lo = [f32::INFINITY; 3];
         let mut hi = [f32::NEG_INFINITY; 3];
         for header in mesh.submeshes() {
-            is_tame &= header.num_indices < MOST_INDICES;
+            is_tame &= header.num_indices < MOST_INDICES && header.total_cells() < MOST_INDICES;
             for axis in 0..3 {
                 lo[axis] = lo[axis].min(header.lo[axis]);
                 hi[axis] = hi[axis].max(header.hi[axis]);
@@ -211,7 +212,7 @@ impl Kernel for SampleAll<'_> {
             Order::Compact => PACKETS,
             Order::Scattered => PACKETS / LANES,
         };
-        let mut scratch = Scratch::new();
+        let mut scratch = Scratch::new(self.sampler.mesh);
         let mut alone = [[[0.0; LANES]; 3]; PACKETS];
         let chunks = self.at.chunks(vectors).zip(self.lanes.chunks(vectors));
         for ((at, lanes), sampled) in chunks.zip(self.sampled.chunks_mut(vectors)) {

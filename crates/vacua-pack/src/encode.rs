@@ -18,13 +18,14 @@ use crate::packed::{Nodes, PackedMesh};
 use crate::partition::{Group, INDEX_BITS, LeftOut, SplitError, Splitter};
 use crate::pool::Pool;
 use crate::section::Flat;
+use crate::small::{self, ClusterHeader, Clusters, MAX_INDEX_BITS, Places, PositionBlock};
 use crate::spill::SpillFolder;
 use crate::submesh::{self, EncodedSubmesh, LeafTotals};
 
 /// Sub-meshes a thread between two copies into the common arrays.
 const SUBMESHES_A_THREAD: usize = 4;
 
-/// The two layouts of paper B, Table 3.
+/// The two layouts of paper B, Table 3, and a smaller one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Variant {
     /// Variant 1: 48-byte multi-leaves, and one outer tree over all of them.
@@ -33,6 +34,9 @@ pub enum Variant {
     /// sub-meshes.
     #[default]
     MultiNodes,
+    /// Variant `small`: clusters of cells with short indices under the nodes of variant 2; positions
+    /// and values in frames, exact. See [`crate::small`].
+    Small,
 }
 
 /// How to encode.
@@ -57,10 +61,12 @@ impl Default for EncodeOptions {
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
 pub enum EncodeError {
     /// Bits of an index out of range.
-    #[error("an index has 8 to 32 bits, {actual} were asked for")]
+    #[error("an index has 8 to {most} bits in this variant, {actual} were asked for")]
     IndexBits {
         /// Bits asked for.
         actual: u32,
+        /// The most there may be.
+        most: u32,
     },
     /// A sub-mesh whose primitives 32-bit offsets do not reach.
     #[error(
@@ -194,7 +200,9 @@ pub fn encode_observed(
     let start = Instant::now();
     let outer = match options.variant {
         Variant::MultiLeaves => work.outer_tree(flat.multi_leaf_boxes())?,
-        Variant::MultiNodes => work.outer_tree(flat.submeshes.iter().map(|s| (s.lo, s.hi)))?,
+        Variant::MultiNodes | Variant::Small => {
+            work.outer_tree(flat.submeshes.iter().map(|s| (s.lo, s.hi)))?
+        }
     };
     report.outer_secs = start.elapsed().as_secs_f64();
     Ok(flat.finish(options, outer, report))
@@ -231,8 +239,13 @@ impl Work<'_> {
             variant,
             index_bits,
         } = self.options;
-        if !INDEX_BITS.contains(&index_bits) {
-            return Err(EncodeError::IndexBits { actual: index_bits }.into());
+        let actual = index_bits;
+        let most = match variant {
+            Variant::Small => MAX_INDEX_BITS,
+            _ => *INDEX_BITS.end(),
+        };
+        if !(*INDEX_BITS.start()..=most).contains(&actual) {
+            return Err(EncodeError::IndexBits { actual, most }.into());
         }
         let total = input.mesh().num_cells() as u64;
         let tell = |stage, done: usize| {
@@ -347,6 +360,11 @@ struct FlatArrays {
     multi_nodes: Vec<crate::layout::MultiNode>,
     positions: Vec<[f32; 3]>,
     indices: Vec<u8>,
+    clusters: Vec<ClusterHeader>,
+    cluster_bits: Vec<u8>,
+    position_blocks: Vec<PositionBlock>,
+    position_bits: Vec<u8>,
+    next: Places,
     map: PackMap,
     totals: LeafTotals,
 }
@@ -359,6 +377,11 @@ impl FlatArrays {
             multi_nodes: Vec::new(),
             positions: Vec::new(),
             indices: Vec::new(),
+            clusters: Vec::new(),
+            cluster_bits: Vec::new(),
+            position_blocks: Vec::new(),
+            position_bits: Vec::new(),
+            next: Places::default(),
             map: PackMap {
                 points: Ids::below(mesh.num_points() as u64, 0),
                 cells: Ids::below(mesh.num_cells() as u64, 0),
@@ -369,8 +392,17 @@ impl FlatArrays {
 
     fn append(&mut self, submesh: EncodedSubmesh, index_bits: u32) {
         let mut header = submesh.header;
-        header.first_vertex = self.positions.len() as u64;
+        header.first_vertex = self.map.points.len() as u64;
         header.first_index = self.indices.len() as u64 * 8 / u64::from(index_bits);
+        if let Some(clusters) = submesh.clusters {
+            header.first_index = self.clusters.len() as u64;
+            self.next.put(&mut header);
+            self.next = clusters.next_places(&header, self.next);
+            self.clusters.extend(clusters.headers);
+            self.cluster_bits.extend(clusters.bits);
+            self.position_blocks.extend(clusters.position_blocks);
+            self.position_bits.extend(clusters.position_bits);
+        }
         header.first_node = (self.multi_leaves.len() + self.multi_nodes.len()) as u64;
         header.first_cell = self.map.cells.len() as u64;
         self.submeshes.push(header);
@@ -400,10 +432,22 @@ impl FlatArrays {
         outer: Vec<outer::OuterNode>,
         report: EncodeReport,
     ) -> Encoded {
-        self.indices.extend([0; PADDING]);
+        let clusters = (options.variant == Variant::Small).then(|| {
+            self.cluster_bits.extend([0; small::bits::PADDING]);
+            self.position_bits.extend([0; small::bits::PADDING]);
+            Clusters::new(
+                Flat::from_vec(self.clusters),
+                Flat::from_vec(self.cluster_bits),
+                Flat::from_vec(self.position_blocks),
+                Flat::from_vec(self.position_bits),
+            )
+        });
+        if clusters.is_none() {
+            self.indices.extend([0; PADDING]);
+        }
         let nodes = match options.variant {
             Variant::MultiLeaves => Nodes::MultiLeaves(Flat::from_vec(self.multi_leaves)),
-            Variant::MultiNodes => Nodes::MultiNodes(Flat::from_vec(self.multi_nodes)),
+            _ => Nodes::MultiNodes(Flat::from_vec(self.multi_nodes)),
         };
         Encoded {
             mesh: PackedMesh {
@@ -414,6 +458,7 @@ impl FlatArrays {
                 outer: Flat::from_vec(outer),
                 positions: Flat::from_vec(self.positions),
                 indices: Flat::from_vec(self.indices),
+                clusters,
             },
             map: self.map,
             report,

@@ -20,10 +20,11 @@ use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
 use crate::element::interpolate;
 use crate::encode::PackMap;
 use crate::ids::Ids;
-use crate::layout::WIDTH;
+use crate::layout::{Child, SubmeshHeader, WIDTH};
 use crate::locate::Location;
-use crate::packed::PackedMesh;
+use crate::packed::{PackedMesh, Submesh};
 use crate::section::Flat;
+use crate::small::{Cluster, FramedValues, SubmeshClusters, block_of_cell, block_of_vertex};
 
 /// A child without any finite value: no range.
 const NO_RANGE: [u8; 2] = [u8::MAX, 0];
@@ -70,7 +71,10 @@ pub enum PackFieldError {
 pub struct PackedField {
     pub(crate) name: String,
     pub(crate) association: Association,
+    /// Empty where the values are in frames.
     pub(crate) values: DataArray,
+    /// The values, for a mesh of variant `small`.
+    pub(crate) framed: Option<FramedValues>,
     pub(crate) submesh_ranges: Flat<[f64; 2]>,
     pub(crate) node_ranges: Flat<[[u8; 2]; WIDTH]>,
     /// Cells of the sub-mesh before each node; fields on cells only.
@@ -126,15 +130,28 @@ impl PackedField {
                 needed,
             });
         }
-        let cells_before =
-            (association == Association::Cell).then(|| Flat::from_vec(count_cells_before(mesh)));
+        let needs_places = association == Association::Cell && mesh.clusters().is_none();
+        let cells_before = needs_places.then(|| Flat::from_vec(count_cells_before(mesh)));
         let (packed, submesh_ranges, node_ranges) = dispatch_scalar!(values.scalar_type(), T => {
             pack_parts::<T>(mesh, ids, association, bytemuck::cast_slice(values.bytes()))
         });
+        let framed = mesh.clusters().map(|_| {
+            let runs = mesh.submeshes().iter().map(|header| match association {
+                Association::Point => header.num_vertices as usize,
+                Association::Cell => header.total_cells() as usize,
+            });
+            FramedValues::pack(&packed, runs)
+        });
+        let values = match &framed {
+            None => packed,
+            // An array of nothing is always one.
+            Some(framed) => framed.no_values().unwrap_or(packed),
+        };
         Ok(Self {
             name: name.to_owned(),
             association,
-            values: packed,
+            values,
+            framed,
             submesh_ranges: Flat::from_vec(submesh_ranges),
             node_ranges: Flat::from_vec(node_ranges),
             cells_before,
@@ -151,15 +168,44 @@ impl PackedField {
         self.association
     }
 
-    /// Values in packed order.
+    /// Values in packed order; none in variant `small`, see [`Self::framed`].
     pub fn values(&self) -> &DataArray {
         &self.values
+    }
+
+    /// The values of a field on a mesh of variant `small`.
+    pub fn framed(&self) -> Option<&FramedValues> {
+        self.framed.as_ref()
+    }
+
+    /// The value at a vertex of a sub-mesh, for fields on points.
+    pub fn point_value(&self, header: &SubmeshHeader, vertex: u32) -> Option<f64> {
+        match &self.framed {
+            Some(framed) => framed.get_f64(block_of_vertex(header, vertex), vertex as usize),
+            None => self.flat_value(header.first_vertex.checked_add(u64::from(vertex))?),
+        }
+    }
+
+    /// The value of a cell by its number in a sub-mesh, in packed order, for fields on cells.
+    pub fn cell_value(&self, header: &SubmeshHeader, cell: u32) -> Option<f64> {
+        match &self.framed {
+            Some(framed) => framed.get_f64(block_of_cell(header, cell), cell as usize),
+            None => self.flat_value(header.first_cell.checked_add(u64::from(cell))?),
+        }
+    }
+
+    fn flat_value(&self, place: u64) -> Option<f64> {
+        let place = usize::try_from(place).ok()?;
+        (place < self.values.tuples()).then(|| self.values.get_f64(place, 0))
     }
 
     /// Bytes of every part.
     pub fn bytes(&self) -> FieldBytes {
         FieldBytes {
-            values: self.values.bytes().len(),
+            values: match &self.framed {
+                None => self.values.bytes().len(),
+                Some(framed) => framed.num_bytes(),
+            },
             ranges: self.submesh_ranges.num_bytes() + self.node_ranges.num_bytes(),
             cells_before: self.cells_before.as_ref().map_or(0, Flat::num_bytes),
         }
@@ -192,6 +238,80 @@ impl PackedField {
         decode_range(whole, union(slots))
     }
 
+    /// Calls `visit` with the box of every leaf of a sub-mesh, relative to its origin, and a range that
+    /// contains all that interpolation gives there; leaves without any value are left out.
+    ///
+    /// Cost: in variant `small` leaves have no ranges of their own; all clusters are decoded.
+    pub fn leaf_ranges(
+        &self,
+        mesh: &PackedMesh,
+        submesh: usize,
+        mut visit: impl FnMut([[f64; 3]; 2], ValueRange),
+    ) {
+        let Some(parts) = mesh.submesh(submesh) else {
+            return;
+        };
+        if let Some(clusters) = &parts.clusters {
+            return self.cluster_leaf_ranges(&parts, clusters, visit);
+        }
+        for number in 0..parts.header.num_nodes {
+            let Some((node, _)) = parts.node(number) else {
+                continue;
+            };
+            for child in (0..WIDTH).filter(|&c| matches!(node.child(c), Child::Leaf(_))) {
+                if let Some(range) = self.child_range(mesh, submesh, number, child) {
+                    let (lo, hi) = node.child_box(child);
+                    let at = |place| parts.grid.local_from_sixteenths(place);
+                    visit([at(lo), at(hi)], range);
+                }
+            }
+        }
+    }
+
+    fn cluster_leaf_ranges(
+        &self,
+        submesh: &Submesh,
+        clusters: &SubmeshClusters,
+        mut visit: impl FnMut([[f64; 3]; 2], ValueRange),
+    ) {
+        let header = submesh.header;
+        let one = |v: Option<f64>| {
+            let v = v.filter(|v| v.is_finite())?;
+            Some(ValueRange { lo: v, hi: v })
+        };
+        let mut cluster = Cluster::default();
+        let mut at_vertices = Vec::new();
+        for number in 0..clusters.len() {
+            cluster.decode(submesh, clusters, number);
+            at_vertices.clear();
+            if self.association == Association::Point {
+                let values = cluster.vertices.iter();
+                at_vertices.extend(values.map(|&v| one(self.point_value(header, v))));
+            }
+            for leaf in &cluster.leaves {
+                let first = leaf.first_cell as usize;
+                let mut range = None;
+                for i in first..first + (leaf.num_tets + leaf.num_others) as usize {
+                    let of_cell = match self.association {
+                        Association::Point => {
+                            let cell = &cluster.cells[i];
+                            let corners = cell.corners[..cell.cell_type.num_points()].iter();
+                            let values = corners.map(|&c| at_vertices[usize::from(c)]);
+                            values.fold(None, join)
+                        }
+                        Association::Cell => {
+                            one(self.cell_value(header, (cluster.index_of(i) / 2) as u32))
+                        }
+                    };
+                    range = join(range, of_cell);
+                }
+                if let Some(range) = range {
+                    visit([leaf.lo.map(f64::from), leaf.hi.map(f64::from)], range);
+                }
+            }
+        }
+    }
+
     fn slots(&self, mesh: &PackedMesh, submesh: usize, node: u32) -> Option<&[[u8; 2]; WIDTH]> {
         let header = mesh.submeshes().get(submesh)?;
         let place = header.first_node.checked_add(u64::from(node))?;
@@ -204,23 +324,24 @@ impl PackedField {
     pub fn value_at(&self, mesh: &PackedMesh, location: &Location) -> Option<f64> {
         let cell = &location.cell;
         let header = mesh.submeshes().get(cell.submesh as usize)?;
-        let read = |place: u64| {
-            let place = usize::try_from(place).ok()?;
-            (place < self.values.tuples()).then(|| self.values.get_f64(place, 0))
-        };
         match self.association {
             Association::Point => {
                 let mut values = [0.0; 8];
                 for (value, &corner) in values.iter_mut().zip(cell.corners()) {
-                    *value = read(header.first_vertex.checked_add(u64::from(corner))?)?;
+                    *value = self.point_value(header, corner)?;
                 }
                 interpolate(&location.weights, &values[..cell.corners().len()])
             }
             Association::Cell => {
-                let submesh = cell.submesh as usize;
-                let place =
-                    self.place_of_cell(mesh, submesh, location.node, location.cell_in_node)?;
-                read(place as u64).filter(|v| v.is_finite())
+                let value = if self.framed.is_some() {
+                    // There, cells are numbered through the sub-mesh.
+                    self.cell_value(header, location.cell_in_node)
+                } else {
+                    let submesh = cell.submesh as usize;
+                    let (node, cell) = (location.node, location.cell_in_node);
+                    self.flat_value(self.place_of_cell(mesh, submesh, node, cell)? as u64)
+                };
+                value.filter(|v| v.is_finite())
             }
         }
     }
@@ -239,6 +360,13 @@ impl PackedField {
         let before = *self.cells_before.as_ref()?.as_slice().get(node)?;
         let cell = u64::from(before) + u64::from(cell_in_node);
         usize::try_from(header.first_cell.checked_add(cell)?).ok()
+    }
+}
+
+fn join(a: Option<ValueRange>, b: Option<ValueRange>) -> Option<ValueRange> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.union(b)),
+        (a, b) => a.or(b),
     }
 }
 

@@ -10,8 +10,8 @@
 //!       12  num_sections     u32
 //!       16  file_length      u64      bytes
 //!       24  table_checksum   u64      of the table
-//!       32  variant          u32      1 or 2
-//!       36  index_bits       u32      8 to 32
+//!       32  variant          u32      1, 2, or 3 for `small`
+//!       36  index_bits       u32      8 to 32; to 24 in `small`
 //!       40  reserved         16 bytes zero
 //!       56  header_checksum  u64      of bytes 0 to 56
 //!       64  table            num_sections × 64 bytes
@@ -45,6 +45,15 @@
 //!      9  so many bits for each number, lowest first, filled up to a whole byte:
 //!         the number less the base; or, from the second on, the difference to the one before,
 //!         doubled, or for a negative one doubled and inverted (zigzag)
+//! ```
+//!
+//! Instead of 5, 6, 17 and 20 a file of variant `small`, whose arrays [`crate::small`] describes, has
+//!
+//! ```text
+//! kind  32  headers of clusters   16 bytes each      36  frames of values, 16 bytes each
+//!       33  bits of clusters                         37  values in frames; detail as of 17
+//!       34  frames of positions   24
+//!       35  positions in frames;  16 zero bytes at the end of 33, 35 and 37
 //! ```
 //!
 //! Sections of kinds that a reader does not know it leaves alone. Opening checks the header and the
@@ -90,6 +99,12 @@ const SUBMESH_RANGES: u32 = 18;
 const NODE_RANGES: u32 = 19;
 const CELLS_BEFORE: u32 = 20;
 const STEP: u32 = 21;
+const CLUSTERS: u32 = 32;
+const CLUSTER_BITS: u32 = 33;
+const POSITION_FRAMES: u32 = 34;
+const FRAMED_POSITIONS: u32 = 35;
+const VALUE_FRAMES: u32 = 36;
+const FRAMED_VALUES: u32 = 37;
 
 /// The time step that a field is of.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +119,7 @@ pub struct FieldStep {
 fn node_kind(variant: Variant) -> u32 {
     match variant {
         Variant::MultiLeaves => MULTI_LEAVES,
-        Variant::MultiNodes => MULTI_NODES,
+        Variant::MultiNodes | Variant::Small => MULTI_NODES,
     }
 }
 
@@ -129,6 +144,12 @@ fn kind_name(kind: u32) -> &'static str {
         SUBMESH_RANGES => "ranges of sub-meshes",
         NODE_RANGES => "ranges of nodes",
         CELLS_BEFORE => "cells before nodes",
+        CLUSTERS => "headers of clusters",
+        CLUSTER_BITS => "bits of clusters",
+        POSITION_FRAMES => "frames of positions",
+        FRAMED_POSITIONS => "positions in frames",
+        VALUE_FRAMES => "frames of values",
+        FRAMED_VALUES => "values in frames",
         _ => "a section of unknown kind",
     }
 }

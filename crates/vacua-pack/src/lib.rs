@@ -65,6 +65,7 @@ mod partition;
 mod pool;
 pub mod reference;
 mod section;
+pub mod small;
 mod spill;
 mod submesh;
 mod volume;

@@ -9,6 +9,7 @@ use crate::element::{Weights, weights_at};
 use crate::layout::{CHILD_DIVISIONS, Child, WIDTH};
 use crate::outer::OuterChild;
 use crate::packed::{PackedCell, PackedMesh, Submesh};
+use crate::small::{Cluster, ClusterCell, SubmeshClusters};
 
 /// The cell at a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,7 +18,7 @@ pub struct Location {
     pub cell: PackedCell,
     /// Node of the sub-mesh that it is in.
     pub node: u32,
-    /// How many cells of that node come before it.
+    /// How many cells of that node come before it; in variant `small`, of the sub-mesh.
     pub cell_in_node: u32,
     /// Weights of its corners.
     pub weights: Weights,
@@ -41,6 +42,7 @@ pub struct Locator<'a> {
     outer_stack: Vec<u32>,
     items: Vec<u32>,
     stack: Vec<u32>,
+    cluster: Cluster,
     counters: LocateCounters,
 }
 
@@ -53,6 +55,7 @@ impl PackedMesh {
             outer_stack: Vec::new(),
             items: Vec::new(),
             stack: Vec::new(),
+            cluster: Cluster::default(),
             counters: LocateCounters::default(),
         }
     }
@@ -112,7 +115,7 @@ impl Locator<'_> {
 
     fn visit_item(&mut self, item: u32, position: [f64; 3], best: &mut Option<Location>) {
         let (index, node) = match self.mesh.variant() {
-            Variant::MultiNodes => (Some(item as usize), 0),
+            Variant::MultiNodes | Variant::Small => (Some(item as usize), 0),
             Variant::MultiLeaves => {
                 let index = self.mesh.submesh_of_node(u64::from(item));
                 let first = index.and_then(|i| self.mesh.submeshes().get(i));
@@ -171,6 +174,12 @@ impl Locator<'_> {
                     }
                     next_child = next_child.saturating_add(1);
                 }
+                Child::Leaf(counts) if submesh.clusters.is_some() => {
+                    if inside {
+                        self.visit_cluster(submesh, submesh_index, number, at, position, best);
+                    }
+                    at += counts.num_indices() as u64;
+                }
                 Child::Leaf(counts) => {
                     if inside {
                         let mut cell_in_node = cells_before;
@@ -189,6 +198,64 @@ impl Locator<'_> {
                     at += counts.num_indices() as u64;
                     cells_before += counts.num_cells() as u32;
                 }
+            }
+        }
+    }
+}
+
+impl Locator<'_> {
+    /// Tests the cells of a cluster, leaf by leaf.
+    fn visit_cluster(
+        &mut self,
+        submesh: &Submesh,
+        submesh_index: u32,
+        node: u32,
+        first_index: u64,
+        position: [f64; 3],
+        best: &mut Option<Location>,
+    ) {
+        let Some(clusters) = &submesh.clusters else {
+            return;
+        };
+        let cluster = &mut self.cluster;
+        cluster.decode(
+            submesh,
+            clusters,
+            SubmeshClusters::cluster_of_leaf(first_index),
+        );
+        let all = submesh.header.total_cells();
+        for leaf in &cluster.leaves {
+            let inside = (0..3).all(|axis| {
+                f64::from(leaf.lo[axis]) <= position[axis]
+                    && position[axis] <= f64::from(leaf.hi[axis])
+            });
+            let first = leaf.first_cell as usize;
+            let num_cells = (leaf.num_tets + leaf.num_others) as usize;
+            for i in (first..first + num_cells).filter(|_| inside) {
+                self.counters.num_cells += 1;
+                let index = cluster.index_of(i);
+                let before =
+                    best.is_some_and(|b| (b.cell.submesh, b.cell.index) <= (submesh_index, index));
+                let ClusterCell { corners, cell_type } = cluster.cells[i];
+                let positions = corners.map(|c| cluster.positions[usize::from(c)]);
+                // No cell beyond those that the header counts has a value.
+                if before || index / 2 >= all {
+                    continue;
+                }
+                let Some(weights) = weights_at(cell_type, &positions, position) else {
+                    continue;
+                };
+                *best = Some(Location {
+                    cell: PackedCell {
+                        submesh: submesh_index,
+                        index,
+                        cell_type,
+                        corners: corners.map(|c| cluster.vertices[usize::from(c)]),
+                    },
+                    node,
+                    cell_in_node: (index / 2) as u32,
+                    weights,
+                });
             }
         }
     }

@@ -9,6 +9,7 @@ use crate::layout::{Child, MultiLeaf, MultiNode, SubmeshHeader, WIDTH};
 use crate::outer::OuterNode;
 use crate::pairs::tets_of;
 use crate::section::Flat;
+use crate::small::{self, Cluster, Clusters, SubmeshClusters};
 
 /// The nodes of all sub-meshes.
 #[derive(Clone)]
@@ -78,6 +79,8 @@ pub struct PackedMesh {
     pub(crate) outer: Flat<OuterNode>,
     pub(crate) positions: Flat<[f32; 3]>,
     pub(crate) indices: Flat<u8>,
+    /// What variant `small` has instead of positions and indices.
+    pub(crate) clusters: Option<Clusters>,
 }
 
 /// Bytes of every part of a packed mesh.
@@ -103,7 +106,7 @@ impl PackedBytes {
 }
 
 impl PackedMesh {
-    /// Which of the paper's two variants this is.
+    /// Which variant this is.
     pub fn variant(&self) -> Variant {
         self.variant
     }
@@ -128,19 +131,31 @@ impl PackedMesh {
         self.outer.as_slice()
     }
 
-    /// Positions of all vertices, sub-mesh after sub-mesh, relative to the sub-mesh's origin.
+    /// Positions of all vertices, sub-mesh after sub-mesh, relative to the sub-mesh's origin; none in
+    /// variant `small`, where [`Submesh::position`] gives them one by one.
     pub fn positions(&self) -> &[[f32; 3]] {
         self.positions.as_slice()
     }
 
-    /// Indices of all sub-meshes.
+    /// Indices of all sub-meshes; none in variant `small`.
     pub fn indices(&self) -> IndexList<'_> {
         IndexList::new(self.indices.bytes(), self.index_bits)
     }
 
     /// Number of vertices, replicated ones included.
     pub fn num_vertices(&self) -> usize {
-        self.positions().len()
+        match self.clusters {
+            None => self.positions().len(),
+            Some(_) => {
+                let all = self.submeshes().iter().map(|h| u64::from(h.num_vertices));
+                usize::try_from(all.sum::<u64>()).unwrap_or(usize::MAX)
+            }
+        }
+    }
+
+    /// The clusters of variant `small`.
+    pub fn clusters(&self) -> Option<&Clusters> {
+        self.clusters.as_ref()
     }
 
     /// Number of cells by [`CellType`]'s number.
@@ -170,9 +185,13 @@ impl PackedMesh {
 
     /// Bytes of every part.
     pub fn bytes(&self) -> PackedBytes {
+        let (positions, indices) = match &self.clusters {
+            None => (self.positions.num_bytes(), self.indices.num_bytes()),
+            Some(clusters) => (clusters.position_bytes(), clusters.cluster_bytes()),
+        };
         PackedBytes {
-            positions: self.positions.num_bytes(),
-            indices: self.indices.num_bytes(),
+            positions,
+            indices,
             nodes: self.nodes.num_bytes(),
             outer: self.outer.num_bytes(),
             submeshes: self.submeshes.num_bytes(),
@@ -183,14 +202,29 @@ impl PackedMesh {
     #[inline]
     pub fn submesh(&self, submesh: usize) -> Option<Submesh<'_>> {
         let header = self.submeshes().get(submesh)?;
+        let nodes = self.nodes.slice(header.nodes())?;
+        let grid = Grid::of(header);
+        if let Some(clusters) = &self.clusters {
+            return Some(Submesh {
+                header,
+                grid,
+                positions: &[],
+                indices: self.indices(),
+                nodes,
+                clusters: Some(clusters.submesh(header)?),
+                decoded: None,
+            });
+        }
         let first = usize::try_from(header.first_vertex).ok()?;
         let end = first.checked_add(header.num_vertices as usize)?;
         Some(Submesh {
             header,
-            grid: Grid::of(header),
+            grid,
             positions: self.positions().get(first..end)?,
             indices: self.indices().from(header.first_index),
-            nodes: self.nodes.slice(header.nodes())?,
+            nodes,
+            clusters: None,
+            decoded: None,
         })
     }
 
@@ -199,10 +233,13 @@ impl PackedMesh {
         (0..self.submeshes().len())
             .filter_map(|s| self.submesh(s).map(|submesh| (s, submesh)))
             .flat_map(|(s, submesh)| {
-                let num_nodes = submesh.header.num_nodes;
-                (0..num_nodes).flat_map(move |node| {
+                let pieces: Vec<u32> = match &submesh.clusters {
+                    None => (0..submesh.header.num_nodes).collect(),
+                    Some(clusters) => clusters.in_order(),
+                };
+                pieces.into_iter().flat_map(move |piece| {
                     let mut cells = Vec::new();
-                    submesh.cells_of_node(node, |index, cell_type, corners| {
+                    submesh.cells_of_piece(piece, |index, cell_type, corners| {
                         cells.push(PackedCell {
                             submesh: s as u32,
                             index,
@@ -249,6 +286,10 @@ pub struct Submesh<'a> {
     /// Its indices, and those of sub-meshes after it.
     pub indices: IndexList<'a>,
     nodes: NodeSlice<'a>,
+    /// What there is instead of positions and indices in variant `small`.
+    pub(crate) clusters: Option<SubmeshClusters<'a>>,
+    /// The cluster whose positions and cells are to be used.
+    pub(crate) decoded: Option<&'a Cluster>,
 }
 
 /// The nodes of one sub-mesh.
@@ -266,6 +307,7 @@ impl<'a> Submesh<'a> {
         indices: IndexList<'a>,
         multi_leaves: &'a [MultiLeaf],
         multi_nodes: &'a [MultiNode],
+        clusters: Option<SubmeshClusters<'a>>,
     ) -> Self {
         Self {
             header,
@@ -277,6 +319,21 @@ impl<'a> Submesh<'a> {
             } else {
                 NodeSlice::MultiLeaves(multi_leaves)
             },
+            clusters,
+            decoded: None,
+        }
+    }
+
+    /// The same with the positions and cells of a decoded cluster.
+    #[inline(always)]
+    pub(crate) fn with_cluster<'b>(&self, cluster: &'b Cluster) -> Submesh<'b>
+    where
+        'a: 'b,
+    {
+        Submesh {
+            positions: &cluster.positions,
+            decoded: Some(cluster),
+            ..*self
         }
     }
 
@@ -304,7 +361,19 @@ impl<'a> Submesh<'a> {
     /// Asks for indices that will be read soon.
     #[inline(always)]
     pub(crate) fn prefetch_indices(&self, first: u32) {
-        self.indices.prefetch(first);
+        match &self.clusters {
+            None => self.indices.prefetch(first),
+            Some(clusters) => clusters.prefetch(first),
+        }
+    }
+
+    /// The position of one of its vertices, relative to the origin.
+    #[inline(always)]
+    pub fn position(&self, vertex: u32) -> Option<[f32; 3]> {
+        match &self.clusters {
+            None => self.positions.get(vertex as usize).copied(),
+            Some(clusters) => clusters.position(vertex),
+        }
     }
 
     /// Calls `visit` with the primitive (see [`PackedCell::index`]), type and vertices of every cell
@@ -316,6 +385,9 @@ impl<'a> Submesh<'a> {
         counts: crate::layout::LeafCounts,
         mut visit: impl FnMut(u64, CellType, [u32; 8]),
     ) {
+        if let Some(clusters) = &self.clusters {
+            return small::cells_of_leaf(self, clusters, first_index, counts, visit);
+        }
         let filled = |t: [u32; 4]| [t[0], t[1], t[2], t[3], t[3], t[3], t[3], t[3]];
         let mut at = first_index;
         for _ in 0..counts.tets {
@@ -340,7 +412,7 @@ impl<'a> Submesh<'a> {
     pub fn corner_positions(&self, cell: &PackedCell) -> Option<[[f32; 3]; 8]> {
         let mut corners = [[0.0; 3]; 8];
         for (position, &corner) in corners.iter_mut().zip(cell.corners()) {
-            *position = *self.positions.get(corner as usize)?;
+            *position = self.position(corner)?;
         }
         Some(corners)
     }
@@ -358,6 +430,14 @@ impl<'a> Submesh<'a> {
         };
         corners[cell_type.num_points()..].fill(last);
         (cell_type, corners)
+    }
+
+    /// The cells of a node, or of a cluster in variant `small`.
+    fn cells_of_piece(&self, piece: u32, visit: impl FnMut(u64, CellType, [u32; 8])) {
+        match &self.clusters {
+            None => self.cells_of_node(piece, visit),
+            Some(clusters) => small::cells_of_cluster(self, clusters, piece as usize, visit),
+        }
     }
 
     /// As [`Self::cells_of_leaf`] for all leaves of a node.

@@ -11,11 +11,12 @@ use crate::ids::{Ids, Numbering};
 use crate::indices::IndexList;
 use crate::input::Input;
 use crate::layout::{
-    LeafCounts, MAX_LEAF_OTHERS, MAX_LEAF_PAIRS, MAX_LEAF_TETS, MultiLeaf, MultiNode,
+    Child, LeafCounts, MAX_LEAF_OTHERS, MAX_LEAF_PAIRS, MAX_LEAF_TETS, MultiLeaf, MultiNode,
     OTHER_INDICES, SubmeshHeader, WIDTH,
 };
 use crate::packed::Submesh;
 use crate::pairs::{bits, match_pairs};
+use crate::small::{self, EncodedClusters};
 use crate::{EncodeError, Variant, indices};
 
 /// What testing a tetrahedron costs, in primitives. The heuristic counts cells before they are
@@ -25,7 +26,7 @@ use crate::{EncodeError, Variant, indices};
 const TET_COST: f32 = 0.625;
 
 /// Stands for the marker until the number of bits is applied.
-const MARKER: u32 = u32::MAX;
+pub(crate) const MARKER: u32 = u32::MAX;
 
 /// A sub-mesh whose places in the common arrays are still to be given.
 pub struct EncodedSubmesh {
@@ -45,6 +46,8 @@ pub struct EncodedSubmesh {
     pub multi_leaves: Vec<MultiLeaf>,
     /// Its nodes in variant 2.
     pub multi_nodes: Vec<MultiNode>,
+    /// Its clusters and positions in variant `small`.
+    pub clusters: Option<EncodedClusters>,
     /// How many primitives there are.
     pub num_primitives: LeafTotals,
 }
@@ -60,6 +63,7 @@ impl EncodedSubmesh {
             IndexList::new(&self.indices, bits),
             &self.multi_leaves,
             &self.multi_nodes,
+            self.clusters.as_ref().map(|c| c.view(&self.header)),
         )
     }
 }
@@ -307,6 +311,70 @@ impl LeafMaker for CellLeaves<'_> {
     }
 }
 
+/// What has been made of a sub-mesh's cells before any of it is laid out.
+pub struct Made<'a> {
+    gathered: &'a Gathered,
+    leaves: &'a Leaves,
+    /// The tree, children before their parents.
+    pub nodes: &'a [BinaryNode],
+    /// The grid of its boxes.
+    pub grid: Grid,
+}
+
+impl Made<'_> {
+    /// A leaf's indices of gathered vertices, its cells, and its counts.
+    pub fn leaf(&self, leaf: usize) -> (&[u32], &[u32], LeafCounts) {
+        let Leaf {
+            counts,
+            first_word,
+            first_cell,
+        } = self.leaves.leaves[leaf];
+        let words = &self.leaves.words[first_word as usize..][..counts.num_indices()];
+        let cells = &self.leaves.cells[first_cell as usize..][..counts.num_cells()];
+        (words, cells, counts)
+    }
+
+    /// Number of gathered vertices.
+    pub fn num_vertices(&self) -> usize {
+        self.gathered.positions.len()
+    }
+
+    /// Where a gathered vertex is.
+    pub fn position(&self, vertex: u32) -> [f32; 3] {
+        let [x, y, z, _] = self.gathered.positions[vertex as usize];
+        [x, y, z]
+    }
+
+    fn totals(&self) -> LeafTotals {
+        let of_leaf = |leaf: &Leaf| LeafTotals {
+            tets: u64::from(leaf.counts.tets),
+            pairs: u64::from(leaf.counts.pairs),
+            others: u64::from(leaf.counts.others),
+            leaves: 1,
+            children: 0,
+        };
+        let leaves = self.leaves.leaves.iter();
+        leaves.fold(LeafTotals::default(), |sum, leaf| sum.plus(of_leaf(leaf)))
+    }
+}
+
+/// A node's box and those of its children; nothing is a leaf yet.
+pub fn node_of(wide: &WideNode, nodes: &[BinaryNode], grid: &Grid, first_index: u32) -> MultiLeaf {
+    let bounds = nodes[wide.node as usize].bounds;
+    let (lo, hi) = grid.quantise(bounds.lo3(), bounds.hi3());
+    let mut node = MultiLeaf {
+        lo,
+        hi,
+        first_index,
+        ..MultiLeaf::EMPTY
+    };
+    for (k, &child) in wide.children.as_slice().iter().enumerate().take(WIDTH) {
+        let child = &nodes[child as usize];
+        node.set_child_box(k, grid, child.bounds.lo3(), child.bounds.hi3());
+    }
+    node
+}
+
 /// Encodes the cells of one sub-mesh: at least one, all finite, few enough for the bits.
 ///
 /// # Errors
@@ -343,6 +411,7 @@ pub fn encode(
     let wide = match variant {
         Variant::MultiLeaves => multi_leaves(nodes),
         Variant::MultiNodes => multi_nodes(nodes),
+        Variant::Small => Vec::new(),
     };
     words.clear();
     final_number.clear();
@@ -379,18 +448,20 @@ pub fn encode(
             index_bits,
             multi_leaves: Vec::new(),
             multi_nodes: Vec::new(),
+            clusters: None,
             num_primitives: LeafTotals::default(),
         },
     };
     match variant {
         Variant::MultiLeaves => emitter.out.multi_leaves.reserve_exact(wide.len()),
         Variant::MultiNodes => emitter.out.multi_nodes.reserve_exact(wide.len()),
+        Variant::Small => return emitter.clusters(),
     }
     for node in &wide {
         let leaf = emitter.node(node);
         match variant {
             Variant::MultiLeaves => emitter.out.multi_leaves.push(leaf),
-            Variant::MultiNodes => emitter.out.multi_nodes.push(MultiNode {
+            _ => emitter.out.multi_nodes.push(MultiNode {
                 leaf,
                 first_child: node.first_child,
             }),
@@ -413,21 +484,41 @@ struct Emitter<'a> {
 }
 
 impl Emitter<'_> {
-    fn node(&mut self, wide: &WideNode) -> MultiLeaf {
-        let bounds = self.nodes[wide.node as usize].bounds;
-        let (lo, hi) = self.grid.quantise(bounds.lo3(), bounds.hi3());
-        let mut node = MultiLeaf {
-            lo,
-            hi,
-            first_index: self.words.len() as u32,
-            ..MultiLeaf::EMPTY
+    /// Everything in variant `small`.
+    fn clusters(mut self) -> Result<EncodedSubmesh, EncodeError> {
+        let made = Made {
+            gathered: self.gathered,
+            leaves: self.leaves,
+            nodes: self.nodes,
+            grid: self.grid,
         };
+        let mut clusters = small::encode(&made, self.final_number)?;
+        let out = &mut self.out;
+        let points = self.gathered.numbering.points();
+        let vertices = clusters.vertices.iter();
+        vertices.for_each(|&v| out.points.push(points[v as usize]));
+        let cells = clusters.cells.iter();
+        cells.for_each(|&c| out.cells.push(self.cells[c as usize]));
+        out.multi_nodes = std::mem::take(&mut clusters.nodes);
+        out.header.num_nodes = out.multi_nodes.len() as u32;
+        out.header.num_indices = clusters.headers.len() as u64;
+        out.num_primitives = made.totals();
+        let children = |n: &MultiNode| {
+            let there = (0..WIDTH).filter(|&k| n.leaf.child(k) != Child::Absent);
+            there.count() as u64
+        };
+        out.num_primitives.children = out.multi_nodes.iter().map(children).sum();
+        out.clusters = Some(clusters);
+        Ok(self.out)
+    }
+
+    fn node(&mut self, wide: &WideNode) -> MultiLeaf {
+        let mut node = node_of(wide, self.nodes, &self.grid, self.words.len() as u32);
         for &child in wide.children.as_slice() {
             self.prefetch(child);
         }
         for (k, &child) in wide.children.as_slice().iter().enumerate().take(WIDTH) {
             let child = &self.nodes[child as usize];
-            node.set_child_box(k, &self.grid, child.bounds.lo3(), child.bounds.hi3());
             self.out.num_primitives.children += 1;
             if let Below::Leaf(leaf) = child.below {
                 node.counts[k] = self.leaf(leaf as usize);

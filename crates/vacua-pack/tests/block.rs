@@ -12,7 +12,7 @@ use vacua_pack::{
 use vacua_simd::{LANES, Level};
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
 
-const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
+const VARIANTS: [Variant; 3] = [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small];
 
 fn encoded(mesh: &UnstructuredMesh, variant: Variant, index_bits: u32) -> Encoded {
     let options = EncodeOptions {
@@ -44,17 +44,15 @@ fn with_field(soup: &Soup, variant: Variant, index_bits: u32) -> (Encoded, Packe
 /// The first cell in packed order that accepts a place, with the interpolated value.
 fn brute_force(encoded: &Encoded, field: &PackedField, at: [f32; 3]) -> Option<(u32, u64, f64)> {
     let packed = &encoded.mesh;
-    let values = field.values();
     packed.cells().find_map(|cell| {
         let submesh = packed.submesh(cell.submesh as usize)?;
         let corners = submesh.corner_positions(&cell)?;
         let weights = weights_at(cell.cell_type, &corners, at.map(f64::from))?;
-        let first = submesh.header.first_vertex as usize;
-        let corner_values: Vec<f64> = cell
-            .corners()
-            .iter()
-            .map(|&c| values.get_f64(first + c as usize, 0))
+        let corner_values = cell.corners().iter();
+        let corner_values: Option<Vec<f64>> = corner_values
+            .map(|&c| field.point_value(submesh.header, c))
             .collect();
+        let corner_values = corner_values?;
         let value = interpolate(&weights, &corner_values)?;
         Some((cell.submesh, cell.index, value))
     })

@@ -8,7 +8,7 @@ use vacua_pack::layout::{Child, WIDTH};
 use vacua_pack::{EncodeError, EncodeOptions, Encoded, PackedMesh, Variant, encode};
 use vacua_volume::{CellMask, CellType, UnstructuredMesh};
 
-const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
+const VARIANTS: [Variant; 3] = [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small];
 
 fn encoded(mesh: &UnstructuredMesh, variant: Variant, index_bits: u32) -> Encoded {
     let options = EncodeOptions {
@@ -37,7 +37,7 @@ fn check_cells(mesh: &UnstructuredMesh, encoded: &Encoded, left_out: &[usize]) {
             })
             .collect();
         for (&corner, &point) in cell.corners().iter().zip(&points) {
-            let stored = submesh.positions[corner as usize];
+            let stored = submesh.position(corner).expect("there");
             let exact = mesh.position(point as usize).to_array();
             for axis in 0..3 {
                 let off = exact[axis] - submesh.header.origin[axis] - f64::from(stored[axis]);
@@ -77,7 +77,7 @@ fn check_boxes(packed: &PackedMesh) {
                 let hi = submesh.grid.local_from_sixteenths(hi);
                 let check = |_: u64, cell_type: CellType, corners: [u32; 8]| {
                     for &c in &corners[..cell_type.num_points()] {
-                        let p = submesh.positions[c as usize].map(f64::from);
+                        let p = submesh.position(c).expect("there").map(f64::from);
                         assert!((0..3).all(|a| lo[a] <= p[a] && p[a] <= hi[a]));
                     }
                 };
@@ -108,7 +108,8 @@ fn check_boxes(packed: &PackedMesh) {
 fn every_kind_of_cell_comes_back() {
     for cut in CUTS {
         for variant in VARIANTS {
-            for bits in [8, 11, 16, 32] {
+            let most = if variant == Variant::Small { 24 } else { 32 };
+            for bits in [8, 11, 16, most] {
                 let mesh = lattice(9, cut, 0.2, 5).mesh();
                 let encoded = encoded(&mesh, variant, bits);
                 check_cells(&mesh, &encoded, &[]);
@@ -226,8 +227,22 @@ fn nothing_encodes_to_nothing() {
             ..EncodeOptions::default()
         };
         let error = encode(&Soup::default().mesh(), options).err();
-        assert_eq!(error, Some(EncodeError::IndexBits { actual: index_bits }));
+        let expected = EncodeError::IndexBits {
+            actual: index_bits,
+            most: 32,
+        };
+        assert_eq!(error, Some(expected));
     }
+    let options = EncodeOptions {
+        variant: Variant::Small,
+        index_bits: 25,
+    };
+    let error = encode(&Soup::default().mesh(), options).err();
+    let expected = EncodeError::IndexBits {
+        actual: 25,
+        most: 24,
+    };
+    assert_eq!(error, Some(expected));
 }
 
 #[test]
@@ -270,6 +285,7 @@ fn the_number_of_threads_changes_no_byte() {
                 m.nodes().bytes().to_vec(),
                 bytemuck::cast_slice(m.outer()).to_vec(),
                 bytemuck::cast_slice(m.positions()).to_vec(),
+                m.clusters().map_or(Vec::new(), |c| c.bytes().concat()),
                 m.cells()
                     .flat_map(|c| c.corners)
                     .flat_map(u32::to_le_bytes)

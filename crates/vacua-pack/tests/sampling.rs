@@ -9,7 +9,7 @@ use vacua_pack::{
 };
 use vacua_volume::{Association, CellMask, DataArray, ScalarType, UnstructuredMesh};
 
-const VARIANTS: [Variant; 2] = [Variant::MultiLeaves, Variant::MultiNodes];
+const VARIANTS: [Variant; 3] = [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small];
 
 fn encoded(mesh: &UnstructuredMesh, variant: Variant, index_bits: u32) -> Encoded {
     let options = EncodeOptions {

@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
-use vacua_pack::layout::{Child, WIDTH};
 use vacua_pack::{
     BlockSampler, EncodeOptions, Located, Order, PackedField, PackedMesh, PackedVolume, Places,
     Sampled, Submesh, encode,
@@ -30,6 +29,8 @@ const CELLS_PER_CUBE: f64 = 4.0;
 const MAX_CUBES: f64 = 1024.0;
 /// Cubes a side that are taken together for the smallest cell size there is.
 const POOL: usize = 4;
+/// Sizes of cells are summed in steps of this part of a cube's side.
+const SIZE_STEPS: f64 = (1u64 << 24) as f64;
 /// The smallest cell size that sampling follows is the lattice's diagonal over this.
 const MAX_RESOLUTION: f64 = (1 << 20) as f64;
 
@@ -137,11 +138,17 @@ impl PackedCells {
             .filter_map(|s| self.mesh().submesh(s))
             .map(|submesh| self.sizes_in(&submesh, &lattice))
             .collect();
-        let mut sums = vec![(0.0f32, 0u32); lattice.len()];
+        // Whole numbers, so that no order of the cells, which variants differ in, changes a sum.
+        let mut sums = vec![(0u64, 0u32); lattice.len()];
         for (cube, size) in parts.into_iter().flatten() {
             let sum = &mut sums[cube as usize];
-            *sum = (sum.0 + size, sum.1 + 1);
+            let size = (f64::from(size) * SIZE_STEPS) as u64;
+            *sum = (sum.0.saturating_add(size), sum.1 + 1);
         }
+        let sums: Vec<(f64, u32)> = sums
+            .into_iter()
+            .map(|(sum, count)| (sum as f64 / SIZE_STEPS, count))
+            .collect();
         let pools = counts.map(|n| n.div_ceil(POOL));
         let mut pooled = vec![(0.0f64, 0u64); pools.iter().product()];
         for (i, &(sum, count)) in sums.iter().enumerate() {
@@ -152,7 +159,7 @@ impl PackedCells {
             ]
             .map(|c| c / POOL);
             let pool = &mut pooled[at[0] + pools[0] * (at[1] + pools[1] * at[2])];
-            *pool = (pool.0 + f64::from(sum), pool.1 + u64::from(count));
+            *pool = (pool.0 + sum, pool.1 + u64::from(count));
         }
         let means = pooled.iter().filter(|pool| pool.1 > 0);
         let smallest = means
@@ -160,9 +167,9 @@ impl PackedCells {
             .fold(f64::INFINITY, f64::min);
         let diagonal = DVec3::from(counts.map(|n| n as f64)).length();
         let finest = smallest.clamp(diagonal / MAX_RESOLUTION, diagonal);
-        let ratio = |&(sum, count): &(f32, u32)| match count {
+        let ratio = |&(sum, count): &(f64, u32)| match count {
             0 => f32::INFINITY,
-            _ => (f64::from(sum) / f64::from(count) / finest).max(1.0) as f32,
+            _ => (sum / f64::from(count) / finest).max(1.0) as f32,
         };
         let ratios: Vec<f32> = sums.iter().map(ratio).collect();
         // Strides are powers of two: unless some cells are twice as large, there is but one.
@@ -185,7 +192,7 @@ impl PackedCells {
                 let mut middle = DVec3::ZERO;
                 let n = cell_type.num_points();
                 for k in 0..n {
-                    let position = submesh.positions.get(corners[k] as usize);
+                    let position = submesh.position(corners[k]);
                     positions[k] = position.map_or(DVec3::NAN, |p| DVec3::from(p.map(f64::from)));
                     middle += positions[k] / n as f64;
                 }
@@ -213,34 +220,15 @@ impl PackedCells {
     /// Boxes in ray space, widened, and ranges of the leaves of a sub-mesh.
     fn leaf_boxes(&self, number: usize, map: ValueMap) -> Vec<([[f32; 3]; 2], [f32; 2])> {
         let mut items = Vec::new();
-        let Some(submesh) = self.mesh().submesh(number) else {
-            return items;
-        };
-        for number_of_node in 0..submesh.header.num_nodes {
-            let Some((node, _)) = submesh.node(number_of_node) else {
-                continue;
-            };
-            for child in (0..WIDTH).filter(|&c| matches!(node.child(c), Child::Leaf(_))) {
-                let range =
-                    self.volume
-                        .field()
-                        .child_range(self.mesh(), number, number_of_node, child);
-                let Some(range) = range else {
-                    continue;
-                };
-                let (lo, hi) = node.child_box(child);
-                let (lo, hi) = (
-                    submesh.grid.local_from_sixteenths(lo),
-                    submesh.grid.local_from_sixteenths(hi),
-                );
-                // A cell accepts no place outside the box around its own corners.
-                let bounds = [
-                    [0, 1, 2].map(|a| self.ray_below(a, lo[a])),
-                    [0, 1, 2].map(|a| self.ray_above(a, hi[a])),
-                ];
-                items.push((bounds, [map.rendered(range.lo), map.rendered(range.hi)]));
-            }
-        }
+        let field = self.volume.field();
+        field.leaf_ranges(self.mesh(), number, |[lo, hi], range| {
+            // A cell accepts no place outside the box around its own corners.
+            let bounds = [
+                [0, 1, 2].map(|a| self.ray_below(a, lo[a])),
+                [0, 1, 2].map(|a| self.ray_above(a, hi[a])),
+            ];
+            items.push((bounds, [map.rendered(range.lo), map.rendered(range.hi)]));
+        });
         items
     }
 

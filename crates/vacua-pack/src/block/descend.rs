@@ -60,7 +60,7 @@ const FEW: u32 = 3;
 /// The packets of a set whose boxes meet a child's, given by its lower corner and its upper corner
 /// with signs turned.
 #[inline(always)]
-fn meeting<S: Simd>(
+pub(super) fn meeting<S: Simd>(
     boxes: &PacketBoxes,
     packets: PacketMask,
     lo: [f32; 3],

@@ -102,7 +102,9 @@ impl Cells {
             lanes &= lanes - 1;
             let primitive = located.primitive[lane];
             let place = primitive / 2;
-            let (cell_type, corners) = if located.others >> lane & 1 == 1 {
+            let (cell_type, corners) = if let Some(clusters) = &submesh.clusters {
+                clusters.cell(submesh, place)
+            } else if located.others >> lane & 1 == 1 {
                 submesh.other(submesh.indices.read::<OTHER_INDICES>(place))
             } else {
                 // A tetrahedron on its own reads one index too many, which the padding allows for.
@@ -119,7 +121,7 @@ impl Cells {
             let mut is_there = true;
             for k in 0..num_corners {
                 self.corners[k][lane] = corners[k];
-                let Some(position) = submesh.positions.get(corners[k] as usize) else {
+                let Some(position) = submesh.position(corners[k]) else {
                     is_there = false;
                     continue;
                 };

@@ -7,6 +7,7 @@ use vacua_volume::CellType;
 use crate::element::weights_at;
 use crate::layout::{LeafCounts, OTHER_INDICES, PAIR_INDICES, TET_INDICES};
 use crate::packed::Submesh;
+use crate::small::ClusterCell;
 
 use super::MAX_CORNERS;
 use super::descend::Leaf;
@@ -79,6 +80,22 @@ impl OtherBatch {
             self.cell_type[slot] = cell_type as u8;
             self.len += 1;
             place += OTHER_INDICES as u64;
+        }
+        self.leaves[self.num_leaves % LANES] = *leaf;
+        self.num_leaves += 1;
+    }
+
+    /// Adds pyramids, wedges and hexahedra of a decoded cluster, one leaf's.
+    #[inline(always)]
+    pub fn add_cells(&mut self, cells: &[ClusterCell], leaf: &Leaf) {
+        for (i, cell) in cells.iter().enumerate() {
+            let slot = self.len % LANES;
+            for k in 0..MAX_CORNERS {
+                self.corners[k][slot] = u32::from(cell.corners[k]);
+            }
+            self.primitive[slot] = (2 * (u64::from(leaf.first_index) + i as u64)) as i32;
+            self.cell_type[slot] = cell.cell_type as u8;
+            self.len += 1;
         }
         self.leaves[self.num_leaves % LANES] = *leaf;
         self.num_leaves += 1;
@@ -163,6 +180,9 @@ impl OtherBatch {
         match values {
             Values::OfPoints(values) => {
                 values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+            }
+            Values::OfCluster(values) => {
+                values.at_corners(&self.corners, self.len, &mut at_corners);
             }
             Values::OfCells(values) => {
                 let mut slot = 0;

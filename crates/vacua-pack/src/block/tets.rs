@@ -149,6 +149,19 @@ impl TetBatch {
             let counts = LeafCounts::unpack(leaf.counts);
             let from = slot;
             let mut place = u64::from(leaf.first_index);
+            if let Some(cluster) = submesh.decoded {
+                let first = leaf.first_index.wrapping_sub(cluster.first_cell) as usize;
+                let cells = cluster
+                    .cells
+                    .get(first..first.saturating_add(num_tets(&leaf)));
+                for (i, cell) in cells.unwrap_or(&[]).iter().enumerate() {
+                    let [a, b, c, d, ..] = cell.corners.map(u32::from);
+                    self.put(slot, [a, b, c, d], 2 * (place + i as u64));
+                    slot += 1;
+                }
+                self.rounding[from..slot.min(SLOTS)].fill(leaf.volume * rounding);
+                continue;
+            }
             for _ in 0..counts.tets {
                 self.put(slot, submesh.indices.read(place), 2 * place);
                 slot += 1;
@@ -207,6 +220,9 @@ impl TetBatch {
         match values {
             Values::OfPoints(values) => {
                 values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+            }
+            Values::OfCluster(values) => {
+                values.at_corners(&self.corners, self.len, &mut at_corners);
             }
             Values::OfCells(values) => {
                 let mut slot = 0;

@@ -12,11 +12,14 @@ use crate::field::PackedField;
 use crate::layout::SubmeshHeader;
 use crate::locate::Location;
 use crate::packed::PackedMesh;
+use crate::small::{FramedValues, block_of_cell, block_of_vertex};
 
 /// Values of a field in a sub-mesh.
 pub(super) enum Values<'a> {
     /// On points.
     OfPoints(PointValues<'a>),
+    /// On points, of one decoded cluster.
+    OfCluster(ClusterValues<'a>),
     /// On cells.
     OfCells(CellValues<'a>),
 }
@@ -25,6 +28,30 @@ pub(super) enum Values<'a> {
 pub(super) struct PointValues<'a> {
     field: &'a PackedField,
     map: Option<WideMap>,
+}
+
+/// Values at the vertices of a decoded cluster.
+pub(super) struct ClusterValues<'a> {
+    /// By vertex within the cluster.
+    pub at_vertices: &'a [f32],
+}
+
+impl ClusterValues<'_> {
+    /// Values at the corners of some cells of the cluster, corner by corner.
+    #[inline(always)]
+    pub fn at_corners<const CELLS: usize, const CORNERS: usize>(
+        &self,
+        corners: &[[u32; CELLS]; CORNERS],
+        len: usize,
+        found: &mut [[f32; CELLS]; CORNERS],
+    ) {
+        for k in 0..CORNERS {
+            for (found, &corner) in found[k][..len.min(CELLS)].iter_mut().zip(&corners[k]) {
+                let value = self.at_vertices.get(corner as usize);
+                *found = value.copied().unwrap_or(f32::NAN);
+            }
+        }
+    }
 }
 
 /// Values on cells of a sub-mesh.
@@ -79,11 +106,36 @@ impl PointValues<'_> {
         found: &mut [[f32; CELLS]; CORNERS],
     ) {
         let values = self.field.values();
+        if let Some(framed) = self.field.framed() {
+            self.from_frames(framed, header, corners, len.min(CELLS), found);
+            return;
+        }
         let first = usize::try_from(header.first_vertex).unwrap_or(usize::MAX);
         dispatch_scalar!(values.scalar_type(), T => {
             let values: &[T] = bytemuck::cast_slice(values.bytes());
             let values = values.get(first..).unwrap_or(&[]);
             self.fetch(values, corners, len.min(CELLS), found);
+        });
+    }
+
+    /// As [`Self::at_vertices`] where values are in frames: for single cells, as clusters have theirs.
+    #[cold]
+    #[inline(never)]
+    fn from_frames<const CELLS: usize, const CORNERS: usize>(
+        &self,
+        framed: &FramedValues,
+        header: &SubmeshHeader,
+        corners: &[[u32; CELLS]; CORNERS],
+        len: usize,
+        found: &mut [[f32; CELLS]; CORNERS],
+    ) {
+        dispatch_scalar!(framed.scalar_type(), T => {
+            for k in 0..CORNERS {
+                for (found, &corner) in found[k][..len].iter_mut().zip(&corners[k]) {
+                    let value = framed.get::<T>(block_of_vertex(header, corner), corner as usize);
+                    *found = value.map_or(f32::NAN, |v| v.rendered(self.map));
+                }
+            }
         });
     }
 
@@ -113,7 +165,13 @@ impl CellValues<'_> {
             .place_of_cell(self.mesh, self.submesh, node, cell_in_node);
         dispatch_scalar!(values.scalar_type(), T => {
             let values: &[T] = bytemuck::cast_slice(values.bytes());
-            let value = place.and_then(|place| values.get(place));
+            let value = match self.field.framed() {
+                None => place.and_then(|place| values.get(place).copied()),
+                // There, cells are numbered through the sub-mesh.
+                Some(framed) => self.mesh.submeshes().get(self.submesh).and_then(|header| {
+                    framed.get::<T>(block_of_cell(header, cell_in_node), cell_in_node as usize)
+                }),
+            };
             value.map_or(f32::NAN, |v| v.rendered(self.map))
         })
     }
@@ -131,6 +189,7 @@ impl BlockSampler<'_> {
                     values.at_vertices(header, &cell.corners.map(|c| [c]), 1, &mut found);
                 }
             }
+            Values::OfCluster(_) => {}
             Values::OfCells(values) => {
                 found = [[values.at_cell(location.node, location.cell_in_node)]; MAX_CORNERS];
             }

@@ -6,8 +6,10 @@ use vacua_simd::{Float, LANES, Mask, Simd};
 
 use crate::Variant;
 use crate::layout::{LeafCounts, WIDTH};
-use crate::packed::Submesh;
+use crate::packed::{PackedMesh, Submesh};
+use crate::small::Cache;
 
+use super::clusters::{Batches, Visited};
 use super::descend::{Leaf, NodeLeaves, Visit, outer_items, visit_node};
 use super::others::OtherBatch;
 use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets, bits};
@@ -23,11 +25,14 @@ pub(super) struct Scratch {
     others: OtherBatch,
     in_leaf: InLeaf,
     leaves: NodeLeaves,
+    /// Decoded clusters, for a mesh that has them.
+    cache: Option<Box<Cache>>,
 }
 
 impl Scratch {
-    pub fn new() -> Self {
+    pub fn new(mesh: &PackedMesh) -> Self {
         Self {
+            cache: mesh.clusters().map(|_| Cache::take()),
             stack: VecDeque::new(),
             items: Vec::new(),
             tets: TetBatch::new(),
@@ -37,6 +42,14 @@ impl Scratch {
                 leaves: [Leaf::default(); WIDTH],
                 len: 0,
             },
+        }
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        if let Some(cache) = self.cache.take() {
+            cache.put_back();
         }
     }
 }
@@ -100,7 +113,7 @@ impl BlockSampler<'_> {
         scratch.stack.clear();
         let item = scratch.items[*next];
         *next += 1;
-        if self.mesh.variant() == Variant::MultiNodes {
+        if self.mesh.variant() != Variant::MultiLeaves {
             scratch.stack.push_back(Visit {
                 number: 0,
                 packets: item.packets & mask,
@@ -156,6 +169,7 @@ impl BlockSampler<'_> {
             others,
             in_leaf,
             leaves,
+            cache,
             ..
         } = scratch;
         // Depth first, or, where every node is likely to be far away, breadth first, so that it is
@@ -171,6 +185,21 @@ impl BlockSampler<'_> {
             }
             for i in 0..leaves.len {
                 let leaf = &leaves.leaves[i % WIDTH];
+                if let (Some(clusters), Some(cache)) = (&submesh.clusters, cache.as_mut()) {
+                    let visited = Visited {
+                        number,
+                        submesh,
+                        clusters,
+                        leaf,
+                    };
+                    let batches = Batches {
+                        tets,
+                        others,
+                        in_leaf,
+                    };
+                    self.visit_cluster::<S>(&visited, &boxes, packets, batches, cache);
+                    continue;
+                }
                 if !tets.has_room(leaf) {
                     self.test_tets::<S>(number, submesh, &values, order, tets, packets, in_leaf);
                 }
@@ -197,7 +226,7 @@ impl BlockSampler<'_> {
     }
 
     #[inline(always)]
-    fn test_tets<S: Simd>(
+    pub(super) fn test_tets<S: Simd>(
         &self,
         number: usize,
         submesh: &Submesh,

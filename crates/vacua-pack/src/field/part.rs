@@ -80,6 +80,24 @@ fn exact_ranges(
                 continue;
             };
             let (num_indices, num_cells) = (counts.num_indices(), counts.num_cells());
+            if submesh.clusters.is_some() {
+                submesh.cells_of_leaf(first_index, counts, |index, cell_type, corners| {
+                    let mut add = |place: usize| {
+                        if let Some(&v) = numbers.get(place) {
+                            *slot = join(*slot, [v, v]);
+                        }
+                    };
+                    match association {
+                        Association::Point => {
+                            let corners = &corners[..cell_type.num_points()];
+                            corners.iter().for_each(|&c| add(c as usize));
+                        }
+                        Association::Cell => add((index / 2) as usize),
+                    }
+                });
+                first_index += num_indices as u64;
+                continue;
+            }
             match association {
                 // The primitives of a leaf are neighbours; a marker is the number of no vertex, or
                 // of one that is a corner here.

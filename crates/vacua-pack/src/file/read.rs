@@ -18,6 +18,7 @@ use crate::layout::SubmeshHeader;
 use crate::packed::{Nodes, PackedMesh};
 use crate::partition::INDEX_BITS;
 use crate::section::Flat;
+use crate::small::{Clusters, FramedValues, MAX_INDEX_BITS, Places, num_blocks};
 
 /// The file's bytes as the arrays over them share them.
 struct FileBytes(Source);
@@ -94,6 +95,7 @@ impl PackedFile {
     pub fn variant(&self) -> Variant {
         match self.header.variant {
             1 => Variant::MultiLeaves,
+            3 => Variant::Small,
             _ => Variant::MultiNodes,
         }
     }
@@ -118,8 +120,28 @@ impl PackedFile {
         let variant = self.variant();
         let nodes = match variant {
             Variant::MultiLeaves => Nodes::MultiLeaves(self.flat(MULTI_LEAVES, NO_FIELD)?),
-            Variant::MultiNodes => Nodes::MultiNodes(self.flat(MULTI_NODES, NO_FIELD)?),
+            _ => Nodes::MultiNodes(self.flat(MULTI_NODES, NO_FIELD)?),
         };
+        if variant == Variant::Small {
+            let clusters = Clusters::new(
+                self.flat(CLUSTERS, NO_FIELD)?,
+                self.flat(CLUSTER_BITS, NO_FIELD)?,
+                self.flat(POSITION_FRAMES, NO_FIELD)?,
+                self.flat(FRAMED_POSITIONS, NO_FIELD)?,
+            );
+            let mesh = PackedMesh {
+                variant,
+                index_bits: self.header.index_bits,
+                submeshes: self.flat(SUBMESHES, NO_FIELD)?,
+                nodes,
+                outer: self.flat(OUTER, NO_FIELD)?,
+                positions: Flat::from_vec(Vec::new()),
+                indices: Flat::from_vec(Vec::new()),
+                clusters: Some(clusters),
+            };
+            check_submeshes(&mesh)?;
+            return Ok(mesh);
+        }
         let mesh = PackedMesh {
             variant,
             index_bits: self.header.index_bits,
@@ -128,6 +150,7 @@ impl PackedFile {
             outer: self.flat(OUTER, NO_FIELD)?,
             positions: self.flat(POSITIONS, NO_FIELD)?,
             indices: self.flat(INDICES, NO_FIELD)?,
+            clusters: None,
         };
         check_submeshes(&mesh)?;
         Ok(mesh)
@@ -147,7 +170,7 @@ impl PackedFile {
 
     pub(super) fn field_entry(&self, field: u32) -> Result<FieldEntry, Problem> {
         let (name, place) = self.section(NAME, field)?;
-        let values = self.find(VALUES, field)?;
+        let values = self.find_values(field)?;
         let bytes = self.store.bytes().get(place).unwrap_or(&[]);
         let bad_name =
             |_| Problem::malformed(format!("name of field {field}"), "UTF-8", "other bytes");
@@ -249,27 +272,51 @@ impl PackedFile {
                 actual.to_string(),
             ))
         };
-        let (_, place) = self.section(VALUES, number)?;
-        let size = entry.scalar_type.size_bytes();
-        let tuples = place.len() / size;
-        expect("bytes of values", (tuples * size) as u64, place.len())?;
-        let (store, offset) = (self.store.clone(), place.start);
-        let values = DataArray::from_store(store, offset, entry.scalar_type, 1, tuples)?;
-        let needed = match entry.association {
-            Association::Point => mesh.num_vertices() as u64,
-            Association::Cell => mesh.num_cells(),
+        let (values, framed) = match mesh.clusters() {
+            None => {
+                let (_, place) = self.section(VALUES, number)?;
+                let size = entry.scalar_type.size_bytes();
+                let tuples = place.len() / size;
+                expect("bytes of values", (tuples * size) as u64, place.len())?;
+                let (store, offset) = (self.store.clone(), place.start);
+                let values = DataArray::from_store(store, offset, entry.scalar_type, 1, tuples)?;
+                let needed = match entry.association {
+                    Association::Point => mesh.num_vertices() as u64,
+                    Association::Cell => mesh.num_cells(),
+                };
+                expect("number of values", needed, tuples)?;
+                (values, None)
+            }
+            Some(_) => {
+                let framed = FramedValues::new(
+                    entry.scalar_type,
+                    self.flat(VALUE_FRAMES, number)?,
+                    self.flat(FRAMED_VALUES, number)?,
+                );
+                let needed = mesh
+                    .submeshes()
+                    .iter()
+                    .map(|header| match entry.association {
+                        Association::Point => num_blocks(u64::from(header.num_vertices)),
+                        Association::Cell => num_blocks(header.total_cells()),
+                    });
+                let needed = needed.fold(0, u64::saturating_add);
+                expect("number of frames of values", needed, framed.num_blocks())?;
+                (framed.no_values()?, Some(framed))
+            }
         };
-        expect("number of values", needed, tuples)?;
         let field = PackedField {
             submesh_ranges: self.flat(SUBMESH_RANGES, number)?,
             node_ranges: self.flat(NODE_RANGES, number)?,
             cells_before: match entry.association {
+                _ if framed.is_some() => None,
                 Association::Point => None,
                 Association::Cell => Some(self.flat(CELLS_BEFORE, number)?),
             },
             name: entry.name.clone(),
             association: entry.association,
             values,
+            framed,
         };
         let num_nodes = mesh.nodes().len() as u64;
         let submeshes = field.submesh_ranges.as_slice().len();
@@ -287,6 +334,14 @@ impl PackedFile {
             expect("number of nodes", num_nodes, before.as_slice().len())?;
         }
         Ok(field)
+    }
+
+    /// The section of a field's values, in frames or not.
+    fn find_values(&self, field: u32) -> Result<(usize, &Entry), Problem> {
+        match self.variant() {
+            Variant::Small => self.find(FRAMED_VALUES, field),
+            _ => self.find(VALUES, field),
+        }
     }
 
     pub(super) fn find(&self, kind: u32, field: u32) -> Result<(usize, &Entry), Problem> {
@@ -373,11 +428,15 @@ fn check(source: &Source) -> Result<(Header, Vec<Entry>), Problem> {
             len: available,
         });
     }
-    if !(1..=2).contains(&header.variant) || !INDEX_BITS.contains(&header.index_bits) {
+    let is_small = header.variant == 3;
+    if !(1..=3).contains(&header.variant)
+        || !INDEX_BITS.contains(&header.index_bits)
+        || is_small && header.index_bits > MAX_INDEX_BITS
+    {
         let found = format!("{} and {}", header.variant, header.index_bits);
         return Err(Problem::malformed(
             "bytes 32 to 40",
-            "variant 1 or 2 and 8 to 32 bits",
+            "variant 1 or 2 and 8 to 32 bits, or variant 3 and 8 to 24",
             found,
         ));
     }
@@ -410,22 +469,37 @@ fn check(source: &Source) -> Result<(Header, Vec<Entry>), Problem> {
 fn check_submeshes(mesh: &PackedMesh) -> Result<(), Problem> {
     let bits = u64::from(mesh.index_bits);
     let index_bytes = mesh.indices.num_bytes().saturating_sub(PADDING) as u64;
-    let ends = [
-        mesh.positions().len() as u64,
-        index_bytes.saturating_mul(8) / bits,
-        mesh.nodes().len() as u64,
-    ];
+    let ends = match mesh.clusters() {
+        None => [
+            mesh.positions().len() as u64,
+            index_bytes.saturating_mul(8) / bits,
+            mesh.nodes().len() as u64,
+        ],
+        // Blocks of positions bound the vertices, below.
+        Some(clusters) => [u64::MAX, clusters.len() as u64, mesh.nodes().len() as u64],
+    };
+    let mut places = Places::default();
     let mut next = [0u64; 3];
     let mut next_cell = 0u64;
     for (number, h) in mesh.submeshes().iter().enumerate() {
         let first = [h.first_vertex, h.first_index, h.first_node];
-        let filled = h.num_indices.checked_next_multiple_of(INDEX_ALIGNMENT);
+        let filled = match mesh.clusters() {
+            None => h.num_indices.checked_next_multiple_of(INDEX_ALIGNMENT),
+            Some(clusters) => {
+                places = check_places(clusters, h, places, number)?;
+                Some(h.num_indices)
+            }
+        };
         let length = [
             u64::from(h.num_vertices),
             filled.unwrap_or(u64::MAX),
             u64::from(h.num_nodes),
         ];
-        for (part, name) in ["vertex", "index", "node"].into_iter().enumerate() {
+        let names = match mesh.clusters() {
+            None => ["vertex", "index", "node"],
+            Some(_) => ["vertex", "cluster", "node"],
+        };
+        for (part, name) in names.into_iter().enumerate() {
             let end = next[part].saturating_add(length[part]);
             if first[part] != next[part] || end > ends[part] {
                 return Err(Problem::malformed(
@@ -455,6 +529,46 @@ fn check_submeshes(mesh: &PackedMesh) -> Result<(), Problem> {
         next_cell = next_cell.saturating_add(h.total_cells());
     }
     Ok(())
+}
+
+/// Checks that a sub-mesh's bits and blocks follow those of the one before it; gives the least places
+/// of the next.
+fn check_places(
+    clusters: &Clusters,
+    header: &SubmeshHeader,
+    least: Places,
+    number: usize,
+) -> Result<Places, Problem> {
+    let found = Places::of(header);
+    let ends = Places {
+        first_byte: clusters.bits.num_bytes() as u64,
+        first_block: clusters.position_blocks.as_slice().len() as u64,
+        first_position_byte: clusters.position_bits.num_bytes() as u64,
+        first_cell_block: u32::MAX,
+    };
+    let next_cell_block =
+        u64::from(found.first_cell_block).saturating_add(num_blocks(header.total_cells()));
+    let next_block = found
+        .first_block
+        .saturating_add(num_blocks(u64::from(header.num_vertices)));
+    let fits = (least.first_byte..=ends.first_byte).contains(&found.first_byte)
+        && (least.first_position_byte..=ends.first_position_byte)
+            .contains(&found.first_position_byte)
+        && found.first_block == least.first_block
+        && found.first_cell_block == least.first_cell_block
+        && next_block <= ends.first_block;
+    if !fits {
+        return Err(Problem::malformed(
+            format!("sub-mesh {number}"),
+            format!("places from {least:?} to at most {ends:?}"),
+            format!("{found:?} and {} vertices", header.num_vertices),
+        ));
+    }
+    Ok(Places {
+        first_block: next_block,
+        first_cell_block: u32::try_from(next_cell_block).unwrap_or(u32::MAX),
+        ..found
+    })
 }
 
 fn has_grid(header: &SubmeshHeader) -> bool {

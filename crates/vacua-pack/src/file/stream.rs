@@ -24,6 +24,8 @@ use crate::indices::PADDING;
 use crate::input::Input;
 use crate::layout::SubmeshHeader;
 use crate::packed::PackedBytes;
+use crate::small::frame::{BLOCK, pack_blocks};
+use crate::small::{Places, ValueBlock, bits};
 use crate::spill::SpillFolder;
 use crate::submesh::{EncodedSubmesh, LeafTotals};
 
@@ -132,7 +134,9 @@ struct FieldBytesOfPart {
     ends: [f64; 2],
     slots: Vec<[[u8; 2]; crate::layout::WIDTH]>,
     cells_before: Vec<u32>,
+    /// In variant `small` within the frames.
     values: Vec<u8>,
+    frames: Vec<ValueBlock>,
 }
 
 /// Encodes a mesh and fields on it into a file, which appears whole or stays as it was. The bytes
@@ -167,6 +171,8 @@ pub fn encode_file(
         counts: [0; 4],
         num_submeshes: 0,
         map: [DeltaWriter::default(), DeltaWriter::default()],
+        places: Places::default(),
+        value_bytes: vec![0; fields.len()],
     };
     let input = Input::new(mesh);
     let work = Work {
@@ -224,6 +230,9 @@ pub fn encode_file(
         let mut of_kind = table.iter().filter(|e| e.kind == kind && e.field == field);
         of_kind.next().map_or(0, |e| e.length)
     };
+    let sum_of = |kinds: &[u32], field: u32| -> usize {
+        kinds.iter().map(|&kind| length(kind, field) as usize).sum()
+    };
     let nodes = node_kind(options.encode.variant);
     Ok(FileReport {
         encode: EncodeReport {
@@ -235,15 +244,15 @@ pub fn encode_file(
         num_submeshes: writer.num_submeshes,
         num_nodes: writer.next.first_node,
         bytes: PackedBytes {
-            positions: length(POSITIONS, NO_FIELD) as usize,
-            indices: length(INDICES, NO_FIELD) as usize,
+            positions: sum_of(&[POSITIONS, POSITION_FRAMES, FRAMED_POSITIONS], NO_FIELD),
+            indices: sum_of(&[INDICES, CLUSTERS, CLUSTER_BITS], NO_FIELD),
             nodes: length(nodes, NO_FIELD) as usize,
             outer: length(OUTER, NO_FIELD) as usize,
             submeshes: length(SUBMESHES, NO_FIELD) as usize,
         },
         fields: (0..fields.len() as u32)
             .map(|f| FieldBytes {
-                values: length(VALUES, f) as usize,
+                values: sum_of(&[VALUES, VALUE_FRAMES, FRAMED_VALUES], f),
                 ranges: (length(SUBMESH_RANGES, f) + length(NODE_RANGES, f)) as usize,
                 cells_before: length(CELLS_BEFORE, f) as usize,
             })
@@ -277,6 +286,9 @@ fn check_field(mesh: &UnstructuredMesh, field: &FieldInput) -> Result<(), PackFi
 
 fn pack_fields(mut submesh: EncodedSubmesh, fields: &[FieldInput]) -> Made {
     submesh.indices.extend([0; PADDING]);
+    if let Some(clusters) = &mut submesh.clusters {
+        clusters.pad();
+    }
     let view = submesh.view();
     let pack = |field: &FieldInput| {
         let ids: &Ids = match field.association {
@@ -286,19 +298,29 @@ fn pack_fields(mut submesh: EncodedSubmesh, fields: &[FieldInput]) -> Made {
         dispatch_scalar!(field.values.scalar_type(), T => {
             let all: &[T] = bytemuck::cast_slice(field.values.bytes());
             let part = FieldPart::of(&view, field.association, ids.pick(0..ids.len(), all));
+            let is_small = view.clusters.is_some();
+            let (frames, values) = if is_small {
+                pack_blocks(part.values.chunks(BLOCK))
+            } else {
+                (Vec::new(), bytemuck::allocation::pod_collect_to_vec(&part.values))
+            };
             FieldBytesOfPart {
                 ends: part.ends(),
                 slots: part.slots,
                 cells_before: match field.association {
-                    Association::Point => Vec::new(),
-                    Association::Cell => cells_before(&view),
+                    Association::Cell if !is_small => cells_before(&view),
+                    _ => Vec::new(),
                 },
-                values: bytemuck::allocation::pod_collect_to_vec(&part.values),
+                values,
+                frames,
             }
         })
     };
     let fields = fields.par_iter().map(pack).collect();
     submesh.indices.truncate(submesh.indices.len() - PADDING);
+    if let Some(clusters) = &mut submesh.clusters {
+        clusters.unpad();
+    }
     Made { submesh, fields }
 }
 
@@ -316,6 +338,10 @@ struct SectionWriter {
     counts: [u64; 4],
     num_submeshes: u64,
     map: [DeltaWriter; 2],
+    /// Where the next sub-mesh's clusters and positions start.
+    places: Places,
+    /// Bytes of the values of each field so far, where they are in frames.
+    value_bytes: Vec<u64>,
 }
 
 impl SectionWriter {
@@ -333,8 +359,15 @@ impl SectionWriter {
         header.first_node = self.next.first_node;
         header.first_cell = self.next.first_cell;
         let bits = u64::from(self.options.encode.index_bits);
-        self.next.first_vertex += submesh.positions.len() as u64;
-        self.next.first_index += submesh.indices.len() as u64 * 8 / bits;
+        self.next.first_vertex += u64::from(header.num_vertices);
+        self.next.first_index += match &submesh.clusters {
+            None => submesh.indices.len() as u64 * 8 / bits,
+            Some(clusters) => {
+                self.places.put(&mut header);
+                self.places = clusters.next_places(&header, self.places);
+                clusters.headers.len() as u64
+            }
+        };
         self.next.first_node += u64::from(header.num_nodes);
         self.next.first_cell += submesh.cells.len() as u64;
         self.totals = self.totals.plus(submesh.num_primitives);
@@ -347,18 +380,25 @@ impl SectionWriter {
                 let boxes = multi_leaf_boxes(&header, &submesh.multi_leaves);
                 self.boxes.extend(boxes);
             }
-            Variant::MultiNodes => self.boxes.push((header.lo, header.hi)),
+            Variant::MultiNodes | Variant::Small => self.boxes.push((header.lo, header.hi)),
         }
         self.put(SUBMESHES, NO_FIELD, bytemuck::bytes_of(&header))?;
         let nodes: &[u8] = match self.options.encode.variant {
             Variant::MultiLeaves => bytemuck::cast_slice(&submesh.multi_leaves),
-            Variant::MultiNodes => bytemuck::cast_slice(&submesh.multi_nodes),
+            Variant::MultiNodes | Variant::Small => bytemuck::cast_slice(&submesh.multi_nodes),
         };
         let kind = node_kind(self.options.encode.variant);
         self.put(kind, NO_FIELD, nodes)?;
         self.put(INDICES, NO_FIELD, &submesh.indices)?;
         let positions = bytemuck::cast_slice(&submesh.positions);
         self.put(POSITIONS, NO_FIELD, positions)?;
+        if let Some(clusters) = &submesh.clusters {
+            self.put(CLUSTERS, NO_FIELD, bytemuck::cast_slice(&clusters.headers))?;
+            self.put(CLUSTER_BITS, NO_FIELD, &clusters.bits)?;
+            let frames = bytemuck::cast_slice(&clusters.position_blocks);
+            self.put(POSITION_FRAMES, NO_FIELD, frames)?;
+            self.put(FRAMED_POSITIONS, NO_FIELD, &clusters.position_bits)?;
+        }
         if self.options.keep_map {
             let lists = [(MAP_POINTS, &submesh.points), (MAP_CELLS, &submesh.cells)];
             for (which, (kind, ids)) in lists.into_iter().enumerate() {
@@ -372,13 +412,27 @@ impl SectionWriter {
             self.put(NODE_RANGES, number, bytemuck::cast_slice(&field.slots))?;
             let before = bytemuck::cast_slice(&field.cells_before);
             self.put(CELLS_BEFORE, number, before)?;
-            self.put(VALUES, number, &field.values)?;
+            if submesh.clusters.is_none() {
+                self.put(VALUES, number, &field.values)?;
+                continue;
+            }
+            let before = &mut self.value_bytes[number as usize];
+            let frames: Vec<ValueBlock> = field.frames.iter().map(|f| f.moved(*before)).collect();
+            *before += field.values.len() as u64;
+            self.put(VALUE_FRAMES, number, bytemuck::cast_slice(&frames))?;
+            self.put(FRAMED_VALUES, number, &field.values)?;
         }
         Ok(())
     }
 
     fn finish(&mut self, outer: &[crate::outer::OuterNode]) -> std::io::Result<()> {
         self.put(INDICES, NO_FIELD, &[0; PADDING])?;
+        let padding = [0; bits::PADDING];
+        self.put(CLUSTER_BITS, NO_FIELD, &padding)?;
+        self.put(FRAMED_POSITIONS, NO_FIELD, &padding)?;
+        for field in 0..self.value_bytes.len() as u32 {
+            self.put(FRAMED_VALUES, field, &padding)?;
+        }
         for (which, kind) in [MAP_POINTS, MAP_CELLS].into_iter().enumerate() {
             let mut bytes = Vec::new();
             self.map[which].flush(&mut bytes);

@@ -63,7 +63,7 @@ impl PackedFile {
         let variant = self.variant();
         let (nodes, node_bytes) = match variant {
             Variant::MultiLeaves => (MULTI_LEAVES, size_of::<crate::layout::MultiLeaf>()),
-            Variant::MultiNodes => (MULTI_NODES, size_of::<crate::layout::MultiNode>()),
+            _ => (MULTI_NODES, size_of::<crate::layout::MultiNode>()),
         };
         let length = |kind, field| -> Result<usize, Problem> {
             Ok(self.find(kind, field)?.1.length as usize)
@@ -84,9 +84,16 @@ impl PackedFile {
                 (a, b) => a.or(b),
             };
         }
+        let (positions, indices) = match variant {
+            Variant::Small => (
+                length(POSITION_FRAMES, NO_FIELD)? + length(FRAMED_POSITIONS, NO_FIELD)?,
+                length(CLUSTERS, NO_FIELD)? + length(CLUSTER_BITS, NO_FIELD)?,
+            ),
+            _ => (length(POSITIONS, NO_FIELD)?, length(INDICES, NO_FIELD)?),
+        };
         let bytes = PackedBytes {
-            positions: length(POSITIONS, NO_FIELD)?,
-            indices: length(INDICES, NO_FIELD)?,
+            positions,
+            indices,
             nodes: length(nodes, NO_FIELD)?,
             outer: length(OUTER, NO_FIELD)?,
             submeshes: length(SUBMESHES, NO_FIELD)?,
@@ -96,7 +103,11 @@ impl PackedFile {
         Ok(FileSummary {
             variant,
             index_bits: self.header.index_bits,
-            num_vertices: (bytes.positions / size_of::<[f32; 3]>()) as u64,
+            num_vertices: submeshes
+                .as_slice()
+                .iter()
+                .map(|h| u64::from(h.num_vertices))
+                .sum(),
             num_cells_by_type: cells,
             num_submeshes: submeshes.as_slice().len() as u64,
             num_nodes: (bytes.nodes / node_bytes) as u64,
@@ -123,7 +134,10 @@ impl PackedFile {
             entry: self.field_entry(number)?,
             range,
             bytes: FieldBytes {
-                values: length(VALUES)?,
+                values: match self.variant() {
+                    Variant::Small => length(VALUE_FRAMES)? + length(FRAMED_VALUES)?,
+                    _ => length(VALUES)?,
+                },
                 ranges: length(SUBMESH_RANGES)? + length(NODE_RANGES)?,
                 cells_before: length(CELLS_BEFORE).unwrap_or(0),
             },

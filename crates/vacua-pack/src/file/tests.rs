@@ -2,10 +2,12 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use super::*;
-use crate::{EncodeOptions, Encoded, PackedField, Variant, encode};
+use crate::{BlockSampler, EncodeOptions, Encoded, PackedField, Variant, encode};
 use proptest::prelude::*;
 use vacua_io::{IoError, Problem, Source};
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
+
+const VARIANTS: [Variant; 3] = [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small];
 
 /// A strip of tetrahedra with a field on points and one on cells.
 fn example(variant: Variant) -> (Encoded, Vec<PackedField>) {
@@ -51,8 +53,8 @@ fn written(variant: Variant) -> Vec<u8> {
 }
 
 fn written_once(variant: Variant) -> Vec<u8> {
-    static FILES: [OnceLock<Vec<u8>>; 2] = [OnceLock::new(), OnceLock::new()];
-    let file = &FILES[usize::from(variant == Variant::MultiNodes)];
+    static FILES: [OnceLock<Vec<u8>>; 3] = [const { OnceLock::new() }; 3];
+    let file = &FILES[variant as usize];
     file.get_or_init(|| written(variant)).clone()
 }
 
@@ -75,8 +77,16 @@ fn use_all(bytes: Vec<u8>) -> Result<usize, IoError> {
         }
     }
     let mut locator = mesh.locator();
+    let samplers: Vec<_> = (fields.iter())
+        .map(|field| BlockSampler::new(&mesh, field, None))
+        .collect();
     for i in 0..100 {
         let p = [f64::from(i) * 3.0, f64::from(i % 6), f64::from(i % 4)];
+        let places = p.map(|c| std::array::from_fn(|k| c as f32 + 0.1 * k as f32));
+        for sampler in &samplers {
+            let sampled = sampler.sample(&places, u16::MAX);
+            sampler.gradients(&places, &sampled.located);
+        }
         if let Some(location) = locator.locate(p) {
             for field in &fields {
                 field.value_at(&mesh, &location);
@@ -88,7 +98,7 @@ fn use_all(bytes: Vec<u8>) -> Result<usize, IoError> {
 
 #[test]
 fn what_is_written_is_read() {
-    for variant in [Variant::MultiLeaves, Variant::MultiNodes] {
+    for variant in VARIANTS {
         let (encoded, fields) = example(variant);
         let bytes = written(variant);
         assert_eq!(bytes, written(variant), "the same bytes every time");
@@ -108,6 +118,10 @@ fn what_is_written_is_read() {
             assert_eq!(entries[i].name, field.name());
             assert_eq!(read.association(), field.association());
             assert_eq!(read.values().bytes(), field.values().bytes());
+            assert_eq!(read.values().scalar_type(), field.values().scalar_type());
+            let header = &mesh.submeshes()[1];
+            assert_eq!(read.point_value(header, 3), field.point_value(header, 3));
+            assert_eq!(read.cell_value(header, 3), field.cell_value(header, 3));
             assert_eq!(read.bytes(), field.bytes());
             for s in 0..mesh.submeshes().len() {
                 assert_eq!(read.submesh_range(s), field.submesh_range(s));
@@ -187,7 +201,7 @@ proptest! {
 
     #[test]
     fn mutated_files_are_refused(
-        variant in prop::sample::select(vec![Variant::MultiLeaves, Variant::MultiNodes]),
+        variant in prop::sample::select(VARIANTS.to_vec()),
         place in any::<prop::sample::Index>(),
         flip in 1u8..,
         cut in any::<prop::sample::Index>(),
@@ -208,7 +222,7 @@ proptest! {
     /// Wrong bytes with right checksums: any answer or error, but no panic and no endless walk.
     #[test]
     fn hostile_files_do_no_harm(
-        variant in prop::sample::select(vec![Variant::MultiLeaves, Variant::MultiNodes]),
+        variant in prop::sample::select(VARIANTS.to_vec()),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..40),
     ) {
         let mut bytes = written_once(variant);

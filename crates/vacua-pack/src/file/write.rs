@@ -86,7 +86,13 @@ pub(super) fn layout_of<'a>(
     } else {
         &[]
     };
-    let parts = [SUBMESHES, OUTER, node_kind(variant), INDICES, POSITIONS];
+    let mut parts = vec![SUBMESHES, OUTER, node_kind(variant)];
+    let is_small = variant == Variant::Small;
+    if is_small {
+        parts.extend([CLUSTERS, CLUSTER_BITS, POSITION_FRAMES, FRAMED_POSITIONS]);
+    } else {
+        parts.extend([INDICES, POSITIONS]);
+    }
     let mut sections: Vec<Section> = parts
         .iter()
         .chain(maps)
@@ -117,10 +123,16 @@ pub(super) fn layout_of<'a>(
         }
         add(SUBMESH_RANGES, 0, None);
         add(NODE_RANGES, 0, None);
+        let detail = place.unwrap_or(0) as u32;
+        if is_small {
+            add(VALUE_FRAMES, 0, None);
+            add(FRAMED_VALUES, detail, None);
+            continue;
+        }
         if field.association == Association::Cell {
             add(CELLS_BEFORE, 0, None);
         }
-        add(VALUES, place.unwrap_or(0) as u32, None);
+        add(VALUES, detail, None);
     }
     sections
 }
@@ -142,6 +154,7 @@ pub(super) fn header_of(options: EncodeOptions, table: &mut [Entry]) -> Header {
         variant: match options.variant {
             Variant::MultiLeaves => 1,
             Variant::MultiNodes => 2,
+            Variant::Small => 3,
         },
         index_bits: options.index_bits,
         reserved: [0; 2],
@@ -181,6 +194,10 @@ pub fn write_file_with(
         let field = || fields.get(section.field as usize).map(|(field, _)| field);
         let of_field = |get: fn(&PackedField) -> &[u8]| field().map_or(&[][..], get);
         let of_map = |which: usize| encoded.as_ref().map_or(&[][..], |e| &e[which]);
+        let of_clusters = |which: usize| {
+            mesh.clusters()
+                .map_or(&[][..], |clusters| clusters.bytes()[which])
+        };
         match section.kind {
             SUBMESHES => mesh.submeshes.bytes(),
             OUTER => mesh.outer.bytes(),
@@ -192,6 +209,12 @@ pub fn write_file_with(
             SUBMESH_RANGES => of_field(|f| f.submesh_ranges.bytes()),
             NODE_RANGES => of_field(|f| f.node_ranges.bytes()),
             CELLS_BEFORE => of_field(|f| f.cells_before.as_ref().map_or(&[], |c| c.bytes())),
+            CLUSTERS => of_clusters(0),
+            CLUSTER_BITS => of_clusters(1),
+            POSITION_FRAMES => of_clusters(2),
+            FRAMED_POSITIONS => of_clusters(3),
+            VALUE_FRAMES => of_field(|f| f.framed.as_ref().map_or(&[], |v| v.blocks.bytes())),
+            FRAMED_VALUES => of_field(|f| f.framed.as_ref().map_or(&[], |v| v.bits.bytes())),
             _ => of_field(|f| f.values.bytes()),
         }
     };

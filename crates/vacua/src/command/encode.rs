@@ -13,7 +13,7 @@ use vacua_pack::{EncodeOptions, Variant};
 use vacua_volume::{CellType, UnstructuredMesh};
 
 use super::input::InputArgs;
-use super::packed::{Bytes, Memory, bytes_text, cells_by_name};
+use super::packed::{Bytes, Memory, VariantName, bytes_text, cells_by_name};
 use super::{Failure, output, values};
 use progress::Progress;
 
@@ -30,10 +30,12 @@ pub struct EncodeArgs {
         required_unless_present = "update"
     )]
     output: Option<PathBuf>,
-    /// Layout of the tree: 1, multi-leaves under one outer tree; 2, inner nodes in the same format
-    #[arg(long, value_name = "1|2", default_value = "2", value_parser = variant)]
+    /// Layout: 1, multi-leaves under one outer tree; 2, inner nodes in the same format; small, half
+    /// the bytes of 2 (clusters that are decoded when they are needed), the same numbers
+    #[arg(long, value_name = "1|2|small", default_value = "2", value_parser = variant)]
     variant: Variant,
-    /// Bits of an index: sub-meshes have at most two to this many vertices
+    /// Bits of an index: sub-meshes have at most two to this many vertices; at most 24 in variant
+    /// small, whose indices are shorter than that
     #[arg(long, visible_alias = "vertices-log2", value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(8..=32))]
     index_bits: u32,
     /// Fields to bring along, separated by commas; NAME:0 or NAME:mag for one component, NAME:all
@@ -62,7 +64,8 @@ fn variant(text: &str) -> Result<Variant, String> {
     match text {
         "1" => Ok(Variant::MultiLeaves),
         "2" => Ok(Variant::MultiNodes),
-        _ => Err("expected 1 or 2".to_owned()),
+        "small" => Ok(Variant::Small),
+        _ => Err("expected 1, 2 or small".to_owned()),
     }
 }
 
@@ -71,7 +74,7 @@ fn variant(text: &str) -> Result<Variant, String> {
 struct Report {
     file: String,
     output: String,
-    variant: u8,
+    variant: VariantName,
     index_bits: u32,
     input: InputReport,
     #[serde(flatten)]
@@ -194,10 +197,7 @@ fn report(
     Report {
         file: file.to_owned(),
         output: output.display().to_string(),
-        variant: match args.variant {
-            Variant::MultiLeaves => 1,
-            Variant::MultiNodes => 2,
-        },
+        variant: args.variant.into(),
         index_bits: args.index_bits,
         input: InputReport {
             points: mesh.num_points(),

@@ -6,12 +6,11 @@ use std::path::Path;
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Number, Value};
-use vacua_pack::Variant;
 use vacua_pack::file::PackedFile;
 use vacua_volume::{Bounds, CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
 
 use super::input::{InputArgs, Opened};
-use super::packed::{self, Bytes, Memory};
+use super::packed::{self, Bytes, Memory, VariantName};
 use super::{Failure, output};
 
 /// Arguments of `vacua info`.
@@ -53,7 +52,7 @@ struct Info {
 /// How a `.vacua` file is packed.
 #[derive(Serialize)]
 struct PackedInfo {
-    variant: u8,
+    variant: VariantName,
     index_bits: u32,
     file_bytes: u64,
     #[serde(flatten)]
@@ -114,10 +113,7 @@ fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
         bounds: [lo.x, hi.x, lo.y, hi.y, lo.z, hi.z],
         blanked_cells: None,
         packed: Some(PackedInfo {
-            variant: match summary.variant {
-                Variant::MultiLeaves => 1,
-                Variant::MultiNodes => 2,
-            },
+            variant: summary.variant.into(),
             index_bits: summary.index_bits,
             file_bytes: file.num_bytes(),
             memory: Memory::new(

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use vacua_io::Source;
 use vacua_pack::file::{PackedFile, is_packed};
-use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError};
+use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError, Variant};
 use vacua_volume::{CellType, FieldChoice};
 
 use super::choice::FieldArgs;
@@ -26,6 +26,35 @@ pub fn open(input: &InputArgs) -> Result<Option<PackedFile>, Failure> {
         return Ok(None);
     }
     Ok(Some(PackedFile::from_source(source)?))
+}
+
+/// A variant as people name it: 1, 2 or `small`.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(untagged)]
+pub enum VariantName {
+    /// One of the paper's two.
+    Number(u8),
+    /// Another.
+    Name(&'static str),
+}
+
+impl From<Variant> for VariantName {
+    fn from(variant: Variant) -> Self {
+        match variant {
+            Variant::MultiLeaves => Self::Number(1),
+            Variant::MultiNodes => Self::Number(2),
+            Variant::Small => Self::Name("small"),
+        }
+    }
+}
+
+impl std::fmt::Display for VariantName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Number(number) => number.fmt(f),
+            Self::Name(name) => name.fmt(f),
+        }
+    }
 }
 
 /// Bytes by part.
