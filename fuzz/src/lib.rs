@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use vacua_io::{Format, ReadOptions, Source, formats};
+use vacua_pack::file::PackedFile;
 
 /// A fuzz target: its name and the file name under which it presents its bytes.
 pub struct Target {
@@ -22,7 +23,7 @@ const fn target(name: &'static str, file: &'static str) -> Target {
 
 /// All targets. Formats that need a second file (`.nhdr`, `.mhd`, `.pvt*`) share the parsers of
 /// those that do not.
-pub const TARGETS: [Target; 16] = [
+pub const TARGETS: [Target; 17] = [
     target("vti", "fuzz.vti"),
     target("vtr", "fuzz.vtr"),
     target("vts", "fuzz.vts"),
@@ -39,7 +40,11 @@ pub const TARGETS: [Target; 16] = [
     target("nii_gz", "fuzz.nii.gz"),
     target("npy", "fuzz.npy"),
     target("raw", "fuzz_4x3x5_uint16.raw"),
+    target(PACKED, "fuzz.vacua"),
 ];
+
+/// The target of encoded meshes, which have a reader of their own.
+const PACKED: &str = "vacua";
 
 /// The format that reads a target's files, by extension.
 pub fn format_of(target: &Target) -> Option<&'static Format> {
@@ -59,6 +64,9 @@ pub fn read(name: &str, bytes: &[u8]) -> Option<usize> {
         .iter()
         .find(|target| target.name == name)
         .unwrap_or_else(|| panic!("no fuzz target `{name}`"));
+    if name == PACKED {
+        return read_packed(target.file, bytes);
+    }
     let format = format_of(target).unwrap_or_else(|| panic!("no reader for {}", target.file));
     let source = Source::from_bytes(Path::new(target.file), bytes.to_vec());
     let dataset = (format.read)(&source, &ReadOptions::default()).ok()?;
@@ -74,4 +82,37 @@ pub fn read(name: &str, bytes: &[u8]) -> Option<usize> {
         }
     }
     Some(num_loaded)
+}
+
+/// Reads an encoded mesh with all that is in it, as it is and then with right checksums: without, few
+/// mutations come past them.
+fn read_packed(name: &str, bytes: &[u8]) -> Option<usize> {
+    let plain = read_packed_once(name, bytes.to_vec());
+    let mut sealed = bytes.to_vec();
+    vacua_pack::file::seal(&mut sealed);
+    plain.or(read_packed_once(name, sealed))
+}
+
+fn read_packed_once(name: &str, bytes: Vec<u8>) -> Option<usize> {
+    let source = Source::from_bytes(Path::new(name), bytes);
+    let file = PackedFile::from_source(source).ok()?;
+    let _summary = file.summary();
+    let mesh = file.mesh().ok()?;
+    let num_fields = file.fields().ok()?.len();
+    let mut fields = Vec::new();
+    fields.extend((0..num_fields).filter_map(|f| file.field(&mesh, f).ok()));
+    let _map = file.map(&mesh);
+    let mut locator = mesh.locator();
+    if let Some(bounds) = mesh.bounds() {
+        for i in 0..40u32 {
+            let along = |k: u32| f64::from(i * k % 41) / 40.0;
+            let at = bounds.lo + (bounds.hi - bounds.lo) * glam::DVec3::new(along(1), along(7), along(17));
+            if let Some(location) = locator.locate(at.to_array()) {
+                for field in &fields {
+                    let _value = field.value_at(&mesh, &location);
+                }
+            }
+        }
+    }
+    Some(fields.len())
 }

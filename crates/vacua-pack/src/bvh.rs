@@ -238,10 +238,9 @@ fn binned(prims: &mut [Prim], frame: &Frame, around: &Around) -> (f32, usize) {
 pub fn partition<T: Copy>(items: &mut [T], mut is_left: impl FnMut(&T) -> bool) -> usize {
     let mut num_left = 0;
     for k in 0..items.len() {
-        let item = items[k];
-        items[k] = items[num_left];
-        items[num_left] = item;
-        num_left += usize::from(is_left(&item));
+        let left = is_left(&items[k]);
+        items.swap(k, num_left);
+        num_left += usize::from(left);
     }
     num_left
 }

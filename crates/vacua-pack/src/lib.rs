@@ -6,7 +6,8 @@
 //! [`encode()`] turns a [`vacua_volume::UnstructuredMesh`] into a [`PackedMesh`]: sub-meshes of at most
 //! 2^N vertices, tetrahedra in pairs of five indices, leaves without item lists, nodes of eight
 //! children with boxes quantised twice. Geometry is immutable; [`PackedField`]s bring values and
-//! their ranges along, each on its own. [`Locator`] finds the cell at a position and the weights of
+//! their ranges along, each on its own. [`file::encode_file`] encodes straight into a file, within a
+//! memory budget if need be. [`Locator`] finds the cell at a position and the weights of
 //! its corners, [`BlockSampler`] the values of a field at many positions at once; [`file`](mod@file) is the `.vacua` file, used where it is mapped.
 //!
 //! What the paper says, and where it is:
@@ -21,7 +22,7 @@
 //! | §5.5 the tree over multi-leaves (OptiX there) | `outer` |
 //! | §5.7 surface area heuristic, 2 : 1 | `bvh` |
 //! | §5.8 value ranges | `field` |
-//! | §6.2 encoding | `encode` |
+//! | §6.2 encoding, out of core | `encode`, `spill`, [`file::encode_file`] |
 //! | §3, §6.1, §6.3 what it is compared with | [`reference`](mod@reference) |
 //!
 //! ```

@@ -210,6 +210,32 @@ fn fields_are_added_and_swapped_without_encoding_again() {
 }
 
 #[test]
+fn time_steps_share_the_mesh() {
+    let folder = folder();
+    let packed = text(&folder.path().join("steps.vacua"));
+    let can = data("can.vtu");
+    let both = ["encode", &can, &can, "-o", &packed, "--all-steps"];
+    succeed(&[&both[..], &["--fields", "EQPS,DISPL:2"]].concat());
+    let info = as_json(&["info", &packed, "--json"]);
+    assert_eq!(info["time_steps"], 2);
+    let fields = info["fields"].as_array().expect("a list");
+    let steps: Vec<_> = fields.iter().map(|f| (&f["name"], &f["step"])).collect();
+    assert_eq!(steps.len(), 4);
+    assert_eq!(steps[3], (&json!("DISPL:2"), &json!(1)));
+    assert_eq!(fields[0]["range"], fields[2]["range"]);
+    let other = [
+        "encode",
+        &can,
+        &data("post.vtk"),
+        "-o",
+        &packed,
+        "--all-steps",
+    ];
+    let message = fails(&other, 1);
+    assert!(message.contains("another mesh"), "{message}");
+}
+
+#[test]
 fn a_budget_is_kept_or_refused() {
     let folder = folder();
     let path = |name: &str| text(&folder.path().join(name));

@@ -156,7 +156,7 @@ pub fn encode_file(
     }
     let system = |source| {
         let action = "cannot write beside";
-        IoError::from(Problem::System { action, source }.in_file(path))
+        Problem::System { action, source }.in_file(path)
     };
     let folder = SpillFolder::of(path);
     let heads: Vec<FieldHead> = fields.iter().map(FieldHead::of_input).collect();

@@ -68,6 +68,11 @@ struct FieldInfo {
     components: usize,
     /// `[lo, hi]`, null without finite values; a list of them for several components.
     range: Value,
+    /// Of which time step a field of a `.vacua` file is, and its time, if there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    step: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    time: Option<f64>,
 }
 
 /// Runs `vacua info`.
@@ -98,7 +103,11 @@ fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
         scalar_type: field.entry.scalar_type.name(),
         components: 1,
         range: range_json(field.range, field.entry.scalar_type),
+        step: field.entry.step.map(|s| s.number),
+        time: field.entry.step.map(|s| s.time),
     });
+    let steps = summary.fields.iter().filter_map(|f| f.entry.step);
+    let num_steps = steps.map(|s| s.number as usize + 1).max();
     let bytes = summary.fields.iter().map(|field| field.bytes);
     let Bounds { lo, hi } = summary.bounds.unwrap_or(Bounds {
         lo: DVec3::ZERO,
@@ -130,7 +139,7 @@ fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
             ),
         }),
         fields: fields.collect(),
-        time_steps: 1,
+        time_steps: num_steps.unwrap_or(1),
         time_step: 0,
         notes: Vec::new(),
     })
@@ -157,6 +166,8 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
                 1 => ranges.swap_remove(0),
                 _ => Value::Array(ranges),
             },
+            step: None,
+            time: None,
         });
     }
     Ok(Info {
