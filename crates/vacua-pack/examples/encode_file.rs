@@ -112,6 +112,10 @@ fn cpu_secs() -> Result<f64, Box<dyn Error>> {
     const TICKS_A_SEC: f64 = 100.0;
     let stat = std::fs::read_to_string("/proc/self/stat")?;
     let after_name = stat.rsplit(") ").next().unwrap_or("");
-    let ticks = after_name.split(' ').skip(11).take(2).map(str::parse::<f64>);
+    let ticks = after_name
+        .split(' ')
+        .skip(11)
+        .take(2)
+        .map(str::parse::<f64>);
     Ok(ticks.sum::<Result<f64, _>>()? / TICKS_A_SEC)
 }
