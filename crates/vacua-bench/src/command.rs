@@ -11,6 +11,7 @@ use crate::auto::{self, AutoOptions};
 use crate::encode::{self, EncodeOptions};
 use crate::gpu::{self, GpuMethod, GpuOptions};
 use crate::meshes::{MeshSize, Scene};
+use crate::gpu_mesh::{self, GpuMeshOptions, MeshChoice};
 use crate::render::{self, RenderOptions};
 use crate::sample::{self, SampleOptions, Share};
 use crate::skip::{self, Model, SkipOptions};
@@ -62,6 +63,18 @@ pub enum Command {
         /// Measures gradient shading too.
         #[arg(long)]
         shaded: bool,
+        /// Packed meshes to measure on instead, as tet100 or hex150:300 (a kind and its size).
+        #[arg(long, value_delimiter = ',')]
+        meshes: Vec<MeshChoice>,
+        /// Takes points and cells of meshes in random order.
+        #[arg(long)]
+        shuffled: bool,
+        /// Measures rays that search meshes on their own too.
+        #[arg(long)]
+        alone: bool,
+        /// Random places of meshes that are sampled at once; 0 for none.
+        #[arg(long, default_value = "4000000")]
+        places: usize,
         /// Folder for pictures.
         #[arg(long)]
         pictures: Option<PathBuf>,
@@ -193,6 +206,30 @@ pub fn run(command: Command) -> Outcome {
         } => run_sample(part, places, &meshes, common),
         Command::Gpu {
             device,
+            meshes,
+            shuffled,
+            shaded,
+            alone,
+            places,
+            pictures,
+            common,
+            ..
+        } if !meshes.is_empty() => gpu_mesh::run(&GpuMeshOptions {
+            device,
+            meshes,
+            shuffled,
+            size: common.size.unwrap_or((1024, 1024)),
+            repeats: common.repeats.unwrap_or(10),
+            sides: common.sides.unwrap_or(vec![2, 4, 8]),
+            shaded,
+            alone,
+            places,
+            pictures,
+        })
+        .map_err(Into::into)
+        .and_then(|results| text(&results, common.json, || results.markdown())),
+        Command::Gpu {
+            device,
             kinds,
             points,
             reaches,
@@ -201,6 +238,7 @@ pub fn run(command: Command) -> Outcome {
             shaded,
             pictures,
             common,
+            ..
         } => gpu::run(&GpuOptions {
             device,
             kinds,

@@ -414,7 +414,7 @@ fn row(
 }
 
 /// PSNR over black in 8 bits, and the largest difference.
-fn compare(a: &Frame, b: &Frame) -> (f64, u8) {
+pub(crate) fn compare(a: &Frame, b: &Frame) -> (f64, u8) {
     let encode = |linear: f32| {
         let srgb = vacua_volume::srgb_from_linear(f64::from(linear.clamp(0.0, 1.0)));
         (255.0 * srgb).round() as u8

@@ -16,6 +16,7 @@ mod error;
 pub mod gpu;
 pub mod gpu_group;
 pub mod gpu_structures;
+pub mod gpu_mesh;
 mod machine;
 pub mod meshes;
 pub mod paper;

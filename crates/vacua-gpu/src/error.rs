@@ -75,6 +75,9 @@ pub enum GpuError {
         /// Name of the device.
         device: String,
     },
+    /// A mesh that leads out of itself.
+    #[error("the packed mesh is damaged: a node or an index points out of its sub-mesh")]
+    DamagedMesh,
     /// Any other error of the driver.
     #[error("{operation} failed on {device}")]
     Vulkan {

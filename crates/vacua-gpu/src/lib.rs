@@ -13,6 +13,7 @@
 mod error;
 mod frame;
 mod group;
+mod mesh;
 mod renderer;
 mod shaders;
 mod shared;
@@ -24,5 +25,6 @@ mod vulkan;
 
 pub use error::GpuError;
 pub use group::GpuGroup;
-pub use renderer::{Boundary, GpuOptions, GpuRenderer, StructureOptions, Tracer};
+pub use mesh::MeshBytes;
+pub use renderer::{Boundary, GpuOptions, GpuRenderer, MeshSample, StructureOptions, Tracer};
 pub use vulkan::{Device, DeviceChoice, DeviceInfo, DeviceKind, Instance, Preference, Timings};

@@ -7,15 +7,18 @@
 
 mod auto;
 mod job;
+mod mesh;
 mod outline;
 mod pipelines;
 mod submit;
+
+pub use mesh::MeshSample;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua_render::contract::check;
+use vacua_render::contract::{PackedCells, check};
 use vacua_render::{
     Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene, SceneData,
     SkipMethod,
@@ -24,10 +27,12 @@ use vacua_skip::Quad;
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
 use self::job::SkipKey;
+use self::mesh::MeshPipelines;
 use self::outline::Outline;
 use self::pipelines::Pipelines;
 use crate::error::GpuError;
 use crate::frame::{Picture, blank};
+use crate::mesh::DeviceMesh;
 use crate::shared::{FACE_NUMBERS, FACE_WORDS, Parameters, TILE};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
@@ -87,6 +92,10 @@ pub struct GpuOptions {
     pub structures: StructureOptions,
     /// Pictures of fewer pixels are not worth measuring for `auto`.
     pub least_pixels: usize,
+    /// Bytes a part of a packed mesh may have in one buffer, if fewer than the device allows.
+    pub max_buffer_bytes: Option<u64>,
+    /// Whether the rays of a subgroup search a packed mesh together.
+    pub together: bool,
 }
 
 impl Default for GpuOptions {
@@ -97,6 +106,8 @@ impl Default for GpuOptions {
             tracer: None,
             structures: StructureOptions::default(),
             least_pixels: 1 << 18,
+            max_buffer_bytes: None,
+            together: true,
         }
     }
 }
@@ -126,6 +137,9 @@ impl Share {
 /// A renderer on a GPU.
 pub struct GpuRenderer {
     volume: Option<DeviceVolume>,
+    /// The packed mesh, if it is one that is rendered.
+    mesh: Option<DeviceMesh>,
+    mesh_pipelines: MeshPipelines,
     macrocells: BTreeMap<usize, DeviceMacrocells>,
     look: Option<Look>,
     /// What the mask was made of, and whether distances were made of it.
@@ -167,6 +181,8 @@ struct Tables {
     counter: Buffer,
     counted: Buffer,
     clips: Buffer,
+    /// What shaders left in the header of the mesh.
+    mesh_header: Buffer,
 }
 
 /// Faces of the boundary, and the corners of the two triangles of each.
@@ -214,9 +230,12 @@ impl GpuRenderer {
             counter: small(8)?,
             counted: Buffer::new(&device, "tables", 8, Place::Download)?,
             clips: small(1 << 12)?,
+            mesh_header: Buffer::new(&device, "tables", 256, Place::Download)?,
         };
         Ok(Self {
             volume: None,
+            mesh: None,
+            mesh_pipelines: MeshPipelines::default(),
             macrocells: BTreeMap::new(),
             look: None,
             skip: None,
@@ -293,9 +312,10 @@ impl GpuRenderer {
         &self.timings
     }
 
-    /// Bytes of the voxels on the device.
+    /// Bytes of the voxels, or of the packed mesh, on the device.
     pub fn volume_bytes(&self) -> u64 {
-        self.volume.as_ref().map_or(0, DeviceVolume::size_bytes)
+        let mesh = self.mesh.as_ref().map_or(0, |m| m.bytes.total());
+        mesh + self.volume.as_ref().map_or(0, DeviceVolume::size_bytes)
     }
 
     /// The ranges of macrocells of a size as the device has them, for tests: lower and upper ends;
@@ -479,31 +499,36 @@ impl GpuRenderer {
         report: &mut RenderReport,
     ) -> Result<(), GpuError> {
         let scale = scene.transfer_function.scale();
-        let SceneData::Volume(data) = &scene.data else {
-            return Err(GpuError::Unsupported {
-                what: "an encoded mesh".to_owned(),
-                device: self.device.name().to_owned(),
-            });
+        let is_for = |v: &DeviceVolume| match &scene.data {
+            SceneData::Volume(volume) => Arc::ptr_eq(&v.volume, volume) && v.scale == scale,
+            SceneData::Packed(_) => false,
         };
-        let is_for = |v: &DeviceVolume| Arc::ptr_eq(&v.volume, data) && v.scale == scale;
-        if !self.volume.as_ref().is_some_and(is_for) {
+        let is_mesh_for = |m: &DeviceMesh| m.data.is(&scene.data) && m.scale == scale;
+        if !self.volume.as_ref().is_some_and(is_for) && !self.mesh.as_ref().is_some_and(is_mesh_for)
+        {
             let start = Instant::now();
             self.forget();
-            self.upload(data, scale)?;
+            match (PackedCells::of_data(&scene.data)?, &scene.data) {
+                (Some(cells), data) => self.upload_mesh(data, scale, cells)?,
+                (None, SceneData::Volume(volume)) => self.upload(volume, scale)?,
+                (None, SceneData::Packed(_)) => {}
+            }
             report.volume_secs = start.elapsed().as_secs_f64();
         }
-        let Some(volume) = &self.volume else {
-            return Ok(());
+        let (range, map) = match (&self.volume, &self.mesh) {
+            (Some(volume), _) => (volume.range, volume.map),
+            (None, Some(mesh)) => (mesh.range, mesh.map),
+            (None, None) => return Ok(()),
         };
         let is_current = |l: &Look| l.transfer_function == scene.transfer_function;
         if !self.look.as_ref().is_some_and(is_current) {
             let function = &scene.transfer_function;
-            let range = volume.range.unwrap_or(function.domain());
-            let table = TransferTable::new(function, range, volume.map);
+            let range = range.unwrap_or(function.domain());
+            let table = TransferTable::new(function, range, map);
             self.look = Some(Look {
                 transfer_function: function.clone(),
                 table: DeviceTable::new(&table),
-                threshold: volume.map.rendered(function.color_range().lo),
+                threshold: map.rendered(function.color_range().lo),
                 is_sent: false,
             });
             self.skip = None;
@@ -527,6 +552,7 @@ impl GpuRenderer {
     /// Frees what belongs to a volume.
     fn forget(&mut self) {
         self.volume = None;
+        self.mesh = None;
         self.macrocells.clear();
         self.look = None;
         self.skip = None;

@@ -38,4 +38,10 @@ shaders! {
     TRACE_HIT = "trace.rchit";
     /// A ray meets nothing.
     TRACE_MISS = "trace.rmiss";
+    /// Whether a packed mesh is sound.
+    PACKED_CHECK = "mesh_check";
+    /// The picture of a packed mesh.
+    PACKED_MARCH = "mesh_march";
+    /// Values of a packed mesh at places.
+    PACKED_SAMPLE = "mesh_sample";
 }

@@ -6,11 +6,11 @@
 
 use std::sync::Arc;
 
-use vacua_skip::Lattice;
+use vacua_skip::{Lattice, Macrocells};
 
 use crate::error::GpuError;
 use crate::shared::{GROUP, POINTS_A_GROUP};
-use crate::vulkan::{Buffer, Device, Place};
+use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
 
 /// Ranges of macrocells of one size.
 pub(crate) struct DeviceMacrocells {
@@ -39,6 +39,31 @@ impl DeviceMacrocells {
             maps: [map()?, map()?],
             is_ready: false,
         })
+    }
+
+    /// Sends ranges that the host has.
+    pub fn send_ranges(
+        &mut self,
+        device: &Arc<Device>,
+        commands: &mut Commands,
+        layout: &Layout,
+        macrocells: &Macrocells,
+    ) -> Result<(), GpuError> {
+        let none = (f32::INFINITY, f32::NEG_INFINITY);
+        let ranges: Vec<[f32; 2]> = (0..macrocells.lattice().len())
+            .map(|i| macrocells.range(i).unwrap_or(none).into())
+            .collect();
+        let bytes: &[u8] = bytemuck::cast_slice(&ranges);
+        let size = bytes.len() as u64;
+        let mut staging = Buffer::new(device, "sending ranges", size, Place::Upload)?;
+        staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        commands.run(layout, |recorder| {
+            recorder.copy(&staging, &self.ranges, 0, size);
+            recorder.barrier();
+            Ok(())
+        })?;
+        self.is_ready = true;
+        Ok(())
     }
 
     /// Points of their lattice; `None` if there are more than shaders can number.

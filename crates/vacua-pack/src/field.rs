@@ -199,6 +199,11 @@ impl PackedField {
         (place < self.values.tuples()).then(|| self.values.get_f64(place, 0))
     }
 
+    /// For each node the cells of its sub-mesh in nodes before it; only for fields on cells.
+    pub fn cells_before(&self) -> Option<&[u32]> {
+        self.cells_before.as_ref().map(Flat::as_slice)
+    }
+
     /// Bytes of every part.
     pub fn bytes(&self) -> FieldBytes {
         FieldBytes {

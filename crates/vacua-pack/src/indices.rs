@@ -56,6 +56,11 @@ impl<'a> IndexList<'a> {
         }
     }
 
+    /// The bytes, with eight more than the indices take.
+    pub fn bytes(self) -> &'a [u8] {
+        self.bytes
+    }
+
     /// Number of indices that can be read.
     pub fn len(self) -> u64 {
         (self.bytes.len().saturating_sub(PADDING) as u64) * 8 / u64::from(self.bits)

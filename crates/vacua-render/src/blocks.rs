@@ -167,14 +167,14 @@ impl SpanMinima {
 /// Answers "how small is the smallest cell in this box of the lattice", from below: boxes grow to
 /// at most two nodes a side of a hierarchy.
 #[derive(Clone, Debug)]
-pub(crate) struct LatticeMinima {
+pub struct LatticeMinima {
     /// Each level has half as many nodes along each axis as the one before, rounded up.
     levels: Vec<([usize; 3], Vec<f32>)>,
 }
 
 impl LatticeMinima {
     /// From the smallest cell at each place of the lattice, in units of the smallest of all.
-    pub fn new(counts: [usize; 3], sizes: Vec<f32>) -> Self {
+    pub(crate) fn new(counts: [usize; 3], sizes: Vec<f32>) -> Self {
         let mut levels = vec![(counts, sizes)];
         while let Some((below, sizes)) = levels.last().filter(|(_, sizes)| sizes.len() > 1) {
             let counts = below.map(|n| n.div_ceil(2));
@@ -191,6 +191,11 @@ impl LatticeMinima {
             levels.push((counts, minima));
         }
         Self { levels }
+    }
+
+    /// Nodes along each axis and minima of every level, the finest first.
+    pub fn levels(&self) -> &[([usize; 3], Vec<f32>)] {
+        &self.levels
     }
 
     /// The smallest cell between two places, both included, in either order.

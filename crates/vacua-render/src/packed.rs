@@ -15,9 +15,10 @@ use vacua_pack::{
 };
 use vacua_simd::{Float, LANES, Mask, Simd, WideMap, per_axis};
 use vacua_skip::{Axis, Lattice, Macrocells};
-use vacua_volume::{CellType, UnstructuredMesh, ValueMap, Volume};
+use vacua_volume::{CellType, Geometry, UnstructuredMesh, ValueMap, Volume};
 
 use crate::blocks::{Group, LatticeMinima, Strides};
+use crate::data::SceneData;
 use crate::error::RenderError;
 use crate::sampler::Sampler;
 use crate::setup::{TILE, TILE_RAYS};
@@ -35,9 +36,10 @@ const SIZE_STEPS: f64 = (1u64 << 24) as f64;
 const MAX_RESOLUTION: f64 = (1 << 20) as f64;
 
 /// A mesh with a field, encoded, ready to be sampled.
-pub(crate) struct PackedCells {
+pub struct PackedCells {
+    /// Its ray space.
     pub space: RaySpace,
-    pub strides: Strides,
+    pub(crate) strides: Strides,
     volume: Arc<PackedVolume>,
     /// Side of a lattice cube, a power of two.
     cube: f32,
@@ -74,6 +76,45 @@ pub(crate) fn encoded(
 }
 
 impl PackedCells {
+    /// The cells of a scene's data, if it is a mesh; encoded here unless it is already.
+    ///
+    /// # Errors
+    /// [`RenderError::NoPositions`] if no cell is anywhere, [`RenderError::Encode`] or
+    /// [`RenderError::Field`] if it cannot be encoded.
+    pub fn of_data(data: &SceneData) -> Result<Option<Self>, RenderError> {
+        let volume = match data {
+            SceneData::Packed(volume) => volume.clone(),
+            SceneData::Volume(volume) => match &**volume.geometry() {
+                Geometry::Unstructured(mesh) => encoded(mesh, volume)?,
+                _ => return Ok(None),
+            },
+        };
+        Self::new(volume).map(Some)
+    }
+
+    /// The field.
+    pub fn field(&self) -> &PackedField {
+        self.volume.field()
+    }
+
+    /// Side of a unit cube of ray space in the mesh's own space, a power of two.
+    pub fn cube(&self) -> f32 {
+        self.cube
+    }
+
+    /// Lower corner of ray space, relative to the mesh's origin.
+    pub fn corner(&self) -> [f32; 3] {
+        self.corner
+    }
+
+    /// The smallest cells within boxes of ray space, if cells differ in size.
+    pub fn minima(&self) -> Option<&LatticeMinima> {
+        match &self.strides {
+            Strides::Lattice(minima) => Some(minima),
+            Strides::Constant | Strides::Varying(_) => None,
+        }
+    }
+
     /// Prepares an encoded mesh.
     ///
     /// # Errors
@@ -119,7 +160,8 @@ impl PackedCells {
         Ok(cells)
     }
 
-    fn mesh(&self) -> &PackedMesh {
+    /// The mesh.
+    pub fn mesh(&self) -> &PackedMesh {
         self.volume.mesh()
     }
 
@@ -247,7 +289,7 @@ impl PackedCells {
     }
 
     /// A sampler of the field.
-    pub fn sampler(&self, map: Option<WideMap>) -> PackedSampler<'_> {
+    pub(crate) fn sampler(&self, map: Option<WideMap>) -> PackedSampler<'_> {
         PackedSampler {
             sampler: BlockSampler::new(self.mesh(), self.volume.field(), map),
             cube: self.cube,

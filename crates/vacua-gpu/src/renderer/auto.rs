@@ -12,6 +12,9 @@ use crate::error::GpuError;
 /// Macrocell sides that are tried.
 const SIDES: [usize; 2] = [16, 8];
 
+/// The same over packed meshes, whose lattice cubes hold a few cells each.
+const MESH_SIDES: [usize; 3] = [8, 4, 2];
+
 /// Where a smaller part of the macrocells is active, skipping is faster than not skipping.
 const CROWDED: f64 = 0.3;
 
@@ -98,6 +101,7 @@ impl GpuRenderer {
     fn measure(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Choice, GpuError> {
         let sides = match settings.macrocell_side {
             Some(side) => vec![side],
+            None if self.mesh.is_some() => MESH_SIDES.to_vec(),
             None => SIDES.to_vec(),
         };
         let mut contest = Contest::default();
@@ -125,7 +129,7 @@ impl GpuRenderer {
             }
         }
         let is_small = num(self, sides[0]) <= MOST_CLUSTERED;
-        if is_small && self.device.info().has_ray_tracing() && contest.rays_are_near() {
+        if is_small && self.mesh.is_none() && self.device.info().has_ray_tracing() && contest.rays_are_near() {
             let boxes = Plan {
                 method: SkipMethod::Boxes,
                 ..walk(sides[0])

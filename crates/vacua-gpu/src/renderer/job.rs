@@ -7,7 +7,7 @@ use vacua_render::contract::{GOLDEN, LIGHT};
 use vacua_render::{Integrator, Jitter, RenderError, RenderSettings, Scene, SkipMethod};
 use vacua_skip::Lattice;
 
-use super::pipelines::{Shader, Special, special};
+use super::pipelines::{Shader, Special, special, special_of};
 use super::{GpuRenderer, Look, Plan, Share, Tables};
 use crate::error::GpuError;
 use crate::frame::Picture;
@@ -61,30 +61,48 @@ impl GpuRenderer {
         settings: &RenderSettings,
         plan: Plan,
     ) -> Result<Option<Job>, GpuError> {
-        let (Some(volume), Some(look), Some(picture)) = (&self.volume, &self.look, &self.picture)
-        else {
+        let (Some(look), Some(picture)) = (&self.look, &self.picture) else {
             return Ok(None);
         };
+        let space = match (&self.volume, &self.mesh) {
+            (Some(volume), _) => &volume.space,
+            (None, Some(mesh)) => &mesh.cells.space,
+            (None, None) => return Ok(None),
+        };
         let is_skipping = plan.method != SkipMethod::None;
-        let lattice = Lattice::new(volume.space.axes.clone(), plan.side)
+        let lattice = Lattice::new(space.axes.clone(), plan.side)
             .map_err(|e| GpuError::Render(RenderError::Lattice(e)))?;
         let mut parameters = Parameters::default();
-        view::rays(&mut parameters, scene, settings, &volume.space)?;
-        let clips = view::half_spaces(scene, &volume.space);
+        view::rays(&mut parameters, scene, settings, space)?;
+        let clips = view::half_spaces(scene, space);
         if size_of_val(clips.as_slice()) as u64 > self.tables.clips.size_bytes() {
             return Err(GpuError::Unsupported {
                 what: format!("{} clip planes", clips.len()),
                 device: self.device.name().to_owned(),
             });
         }
-        fill(&mut parameters, volume, look, &lattice, clips.len());
+        fill(&mut parameters, look, &lattice, clips.len());
+        if let Some(volume) = &self.volume {
+            fill_voxels(&mut parameters, volume);
+        }
         parameters.picture[2] = u32::from(self.options.reach.max(1));
         parameters.picture[3] = self.share.bits();
         if is_skipping && !self.macrocells.contains_key(&plan.side) {
-            let cells = DeviceMacrocells::new(&self.device, &lattice)?;
+            let mut cells = DeviceMacrocells::new(&self.device, &lattice)?;
+            if let Some(mesh) = &self.mesh {
+                let macrocells = mesh.cells.macrocells(lattice.clone(), mesh.map);
+                cells.send_ranges(&self.device, &mut self.commands, &self.layout, &macrocells)?;
+            }
             self.macrocells.insert(plan.side, cells);
         }
-        let mut push = self.tables.push(volume, picture);
+        let mut push = self.tables.push(picture);
+        if let Some(volume) = &self.volume {
+            push.planes = volume.planes.as_ref().map_or(0, |p| p.buffer.address());
+            push.blanked = volume.blanked.as_ref().map_or(0, Buffer::address);
+        }
+        if let Some(mesh) = &self.mesh {
+            push.planes = mesh.header.address();
+        }
         if let Some(cells) = self.macrocells.get(&plan.side).filter(|_| is_skipping) {
             push.ranges = cells.ranges.address();
             // The map after all passes, or, where rays are traced, the mask before them.
@@ -92,7 +110,10 @@ impl GpuRenderer {
             push.skip = cells.maps[usize::from(is_walk)].address();
         }
         Ok(Some(Job {
-            special: special(volume, look.table.is_log, settings, is_skipping),
+            special: match &self.volume {
+                Some(volume) => special(volume, look.table.is_log, settings, is_skipping),
+                None => special_of(look.table.is_log, settings, is_skipping),
+            },
             parameters,
             clips,
             push,
@@ -193,14 +214,12 @@ impl Preparation<'_> {
 }
 
 impl Tables {
-    /// Addresses of everything that does not depend on macrocells.
-    fn push(&self, volume: &DeviceVolume, picture: &Picture) -> Push {
+    /// Addresses of everything that depends neither on data nor on macrocells.
+    fn push(&self, picture: &Picture) -> Push {
         Push {
             table: self.entries.address(),
             next_active: self.next_active.address(),
             counter: self.counter.address(),
-            planes: volume.planes.as_ref().map_or(0, |p| p.buffer.address()),
-            blanked: volume.blanked.as_ref().map_or(0, Buffer::address),
             clips: self.clips.address(),
             rgba: picture.rgba.address(),
             depth: picture.depth.address(),
@@ -217,30 +236,29 @@ impl Share {
     }
 }
 
-/// Fills in what depends on volume, transfer function and macrocells.
-fn fill(
-    parameters: &mut Parameters,
-    volume: &DeviceVolume,
-    look: &Look,
-    lattice: &Lattice,
-    num_clips: usize,
-) {
+/// Fills in what depends on voxels.
+fn fill_voxels(parameters: &mut Parameters, volume: &DeviceVolume) {
     let [x, y] = volume.sides.map(|n| 1.0 / n as f32);
     parameters.texel = [x, y, volume.texel[0], volume.texel[1]];
+    parameters.cells[3] = volume.slab_cells;
+    if let Some(planes) = &volume.planes {
+        parameters.axis_offset[..3].copy_from_slice(&planes.offsets);
+        parameters.bins_per_unit[..3].copy_from_slice(&planes.bins_per_unit);
+    }
+}
+
+/// Fills in what depends on transfer function and macrocells.
+fn fill(parameters: &mut Parameters, look: &Look, lattice: &Lattice, num_clips: usize) {
     let [lo, bins_per_key, largest] = look.table.scale;
     parameters.table_scale = [lo, bins_per_key, largest, look.threshold];
     let cells = lattice.axes().each_ref().map(|a| a.cells() as u32);
-    parameters.cells = [cells[0], cells[1], cells[2], volume.slab_cells];
+    parameters.cells = [cells[0], cells[1], cells[2], 0];
     let last = cells.map(|n| (n - 1) as f32);
     parameters.last_cell = [last[0], last[1], last[2], 1.0 / lattice.side() as f32];
     let [cx, cy, cz] = lattice.counts().map(|n| n as u32);
     parameters.macrocells = [cx, cy, cz, lattice.side() as u32];
     parameters.light = [LIGHT.ambient, LIGHT.diffuse, LIGHT.specular, 0.0];
     parameters.axis_offset[3] = num_clips as u32;
-    if let Some(planes) = &volume.planes {
-        parameters.axis_offset[..3].copy_from_slice(&planes.offsets);
-        parameters.bins_per_unit[..3].copy_from_slice(&planes.bins_per_unit);
-    }
 }
 
 /// The push constants of one frame among those that are summed.

@@ -84,20 +84,28 @@ pub(super) fn special(
     settings: &RenderSettings,
     is_skipping: bool,
 ) -> Special {
-    let mut special = [0; 9];
+    let mut special = special_of(is_log, settings, is_skipping);
     let mut set = |id: u32, value: u32| special[id as usize] = value;
-    set(constant::SKIPPING, u32::from(is_skipping));
     let is_cell_data = volume.volume.association() == Association::Cell;
     set(constant::CELL_DATA, u32::from(is_cell_data));
     set(constant::CHECK_FINITE, u32::from(volume.check_finite));
+    set(constant::BLANKED, u32::from(volume.blanked.is_some()));
+    set(constant::RECTILINEAR, u32::from(volume.planes.is_some()));
+    set(constant::NUM_SLABS, volume.images.len() as u32);
+    special
+}
+
+/// The part of it that depends on settings alone.
+pub(super) fn special_of(is_log: bool, settings: &RenderSettings, is_skipping: bool) -> Special {
+    let mut special = [0; 9];
+    let mut set = |id: u32, value: u32| special[id as usize] = value;
+    set(constant::SKIPPING, u32::from(is_skipping));
     set(constant::LOG_SCALE, u32::from(is_log));
     let is_shaded = settings.shading == Shading::Gradient;
     set(constant::SHADED, u32::from(is_shaded));
     let is_maximum = settings.integrator == Integrator::MaximumIntensity;
     set(constant::MAXIMUM, u32::from(is_maximum));
-    set(constant::BLANKED, u32::from(volume.blanked.is_some()));
-    set(constant::RECTILINEAR, u32::from(volume.planes.is_some()));
-    set(constant::NUM_SLABS, volume.images.len() as u32);
+    set(constant::NUM_SLABS, 1);
     special
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 
 use super::job::{Preparation, pass};
+use super::mesh::Subgroups;
 use super::pipelines::{Met, Shader};
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
@@ -16,6 +17,7 @@ use crate::vulkan::{ComputePipeline, RayPipeline, Recorder, Timings};
 enum Marcher {
     Compute(Arc<ComputePipeline>),
     Rays(Arc<RayPipeline>),
+    Mesh(Arc<ComputePipeline>, Subgroups),
 }
 
 impl Marcher {
@@ -26,6 +28,9 @@ impl Marcher {
                 recorder.dispatch(pipeline, push, groups);
             }
             Self::Rays(pipeline) => recorder.trace(pipeline, push, [width, rows]),
+            Self::Mesh(pipeline, subgroups) => {
+                recorder.dispatch(pipeline, push, subgroups.tiles(width, rows));
+            }
         }
     }
 }
@@ -55,6 +60,10 @@ impl GpuRenderer {
         };
         let steps = self.steps(&job, plan)?;
         let marcher = match (tracer, plan.method) {
+            _ if self.mesh.is_some() => {
+                let (pipeline, subgroups) = self.mesh_marcher(job.special)?;
+                Marcher::Mesh(pipeline, subgroups)
+            }
             (Some(Tracer::Pipeline), SkipMethod::Boxes) => {
                 Marcher::Rays(self.pipelines.rays(&self.layout, Met::Boxes, job.special)?)
             }
@@ -94,6 +103,7 @@ impl GpuRenderer {
         let is_empty = picture.width * picture.rows == 0;
         let is_last = frames.end == num_frames;
         let outline = self.outline.as_ref();
+        let mesh = self.mesh.as_ref();
         let found = self.commands.run(&self.layout, |recorder| {
             preparation.record(recorder);
             if let (Some(pending), Some(outline), Some(write)) = (&pending, outline, &write) {
@@ -106,10 +116,18 @@ impl GpuRenderer {
             if is_last {
                 recorder.stage("copy", |r| picture.send(r));
             }
-            recorder.stage("count", |r| r.copy(&tables.counter, &tables.counted, 0, 8));
+            recorder.stage("count", |r| {
+                r.copy(&tables.counter, &tables.counted, 0, 8);
+                if let Some(mesh) = mesh {
+                    mesh.send_header(r, tables);
+                }
+            });
             Ok(())
         })?;
         timings.0.extend(found.0);
+        if mesh.is_some() && self.tables.header().overflow != 0 {
+            return Err(self.unsupported("a mesh with a tree this deep"));
+        }
         self.done(&job, &steps);
         self.outline_is_current |= pending.is_some();
         if is_skipping {
@@ -125,6 +143,7 @@ impl GpuRenderer {
         match plan.method {
             SkipMethod::None | SkipMethod::Grid => Ok(None),
             SkipMethod::Auto => Err(self.unsupported(&what)),
+            _ if self.mesh.is_some() => Err(self.unsupported(&format!("{what} over a mesh"))),
             SkipMethod::Boxes if !self.device.info().has_ray_tracing() => {
                 Err(self.unsupported(&what))
             }
@@ -141,6 +160,9 @@ impl GpuRenderer {
 
     /// The ways in which the device can trace rays.
     pub(super) fn tracers(&self) -> Vec<Tracer> {
+        if self.mesh.is_some() {
+            return Vec::new();
+        }
         let info = self.device.info();
         let all = [
             (info.has_ray_tracing(), Tracer::Pipeline),

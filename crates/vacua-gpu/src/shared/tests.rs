@@ -7,6 +7,7 @@ use rspirv::dr::{Instruction, Loader, Module, Operand};
 use rspirv::spirv::{Decoration, Op};
 
 use super::*;
+use crate::mesh::{DeviceSubmesh, MeshHeader, ValueType, mesh_constant};
 use crate::shaders::ALL;
 
 /// Offset and size of every member of a struct.
@@ -67,12 +68,21 @@ fn size_of_type(module: &Module, id_of_type: u32) -> u32 {
 
 /// The members of a struct of this name, if the shader has one.
 fn reflect(module: &Module, name: &str) -> Option<Members> {
+    // A struct may be there twice: as it lies in memory, and as a plain value without offsets.
+    let has_offsets = |struct_id: u32| {
+        module.annotations.iter().any(|i| {
+            i.class.opcode == Op::MemberDecorate
+                && id(&i.operands[0]) == struct_id
+                && matches!(i.operands[2], Operand::Decoration(Decoration::Offset))
+        })
+    };
     let named = module.debug_names.iter().find(|i| {
         i.class.opcode == Op::Name
             && matches!(&i.operands[1], Operand::LiteralString(s) if s == name)
             && module.types_global_values.iter().any(|t| {
                 t.class.opcode == Op::TypeStruct && t.result_id == Some(id(&i.operands[0]))
             })
+            && has_offsets(id(&i.operands[0]))
     })?;
     let struct_id = id(&named.operands[0]);
     let types = &definition(module, struct_id).operands;
@@ -157,6 +167,105 @@ fn push() -> Members {
         frame,
         axis,
     })
+}
+
+fn submesh() -> Members {
+    members!(DeviceSubmesh {
+        lo,
+        hi,
+        base,
+        sixteenths,
+        nodes,
+        positions,
+        indices,
+        values,
+        cells_before,
+        first_value,
+        num_nodes,
+        num_vertices,
+        num_indices,
+        has_marker,
+        has_others,
+    })
+}
+
+fn mesh_header() -> Members {
+    members!(MeshHeader {
+        corner,
+        slack,
+        submeshes,
+        minima,
+        num_submeshes,
+        minima_x,
+        minima_y,
+        minima_z,
+        overflow,
+        damage,
+    })
+}
+
+#[test]
+fn both_sides_agree_on_meshes() {
+    let of_meshes = ALL.iter().filter(|(name, _)| name.starts_with("mesh_"));
+    let mut seen = 0;
+    for (name, spirv) in of_meshes {
+        let module = load(spirv);
+        assert_eq!(reflect(&module, "Submesh"), Some(submesh()), "{name}");
+        assert_eq!(reflect(&module, "Mesh"), Some(mesh_header()), "{name}");
+        seen += 1;
+    }
+    assert_eq!(seen, 3, "shaders over meshes");
+    assert_eq!(size_of::<DeviceSubmesh>(), 128, "as an array has them");
+    let text = include_str!("../mesh.glsl");
+    let number = |name: &str| {
+        let at = text.find(&format!("{name} = ")).expect("it is there");
+        let rest = &text[at + name.len() + 3..];
+        rest[..rest.find(';').expect("it ends")].to_owned()
+    };
+    let layout = [
+        (
+            "CHILD_DIVISIONS",
+            vacua_pack::layout::CHILD_DIVISIONS as usize,
+        ),
+        ("NODE_WORDS", size_of::<vacua_pack::layout::MultiNode>() / 4),
+        ("LEAF_WORDS", size_of::<vacua_pack::layout::MultiLeaf>() / 4),
+        ("VALUE_F32", ValueType::F32 as usize),
+        ("VALUE_U8", ValueType::U8 as usize),
+        ("VALUE_I8", ValueType::I8 as usize),
+        ("VALUE_U16", ValueType::U16 as usize),
+        ("VALUE_I16", ValueType::I16 as usize),
+        ("TETRAHEDRON", vacua_volume::CellType::Tetrahedron as usize),
+        ("PYRAMID", vacua_volume::CellType::Pyramid as usize),
+        ("WEDGE", vacua_volume::CellType::Wedge as usize),
+        ("HEXAHEDRON", vacua_volume::CellType::Hexahedron as usize),
+    ];
+    for (name, ours) in layout {
+        assert_eq!(number(name), ours.to_string(), "{name}");
+    }
+    let all = [
+        text,
+        include_str!("../mesh_search.glsl"),
+        include_str!("../mesh_march.comp"),
+    ]
+    .concat();
+    let ids = [
+        (mesh_constant::VALUE_TYPE, "VALUE_TYPE"),
+        (mesh_constant::INNER_NODES, "INNER_NODES"),
+        (mesh_constant::VARYING, "VARYING"),
+        (mesh_constant::TOGETHER, "TOGETHER"),
+        (mesh_constant::HAS_TETS, "HAS_TETS"),
+        (mesh_constant::HAS_OTHERS, "HAS_OTHERS"),
+        (mesh_constant::LANES, "LANES"),
+        (mesh_constant::SUBGROUPS, "SUBGROUPS"),
+    ];
+    for (id, name) in ids {
+        let mut lines = all.lines();
+        let line = lines.find(|line| line.contains(&format!("constant_id = {id})")));
+        let is_named = line.is_some_and(|line| line.contains(&format!(" {name} = ")));
+        assert!(is_named, "{name}");
+    }
+    let invocations = format!("local_size_x_id = {}", mesh_constant::INVOCATIONS);
+    assert!(all.contains(&invocations));
 }
 
 #[test]

@@ -86,6 +86,8 @@ pub struct DeviceInfo {
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
     pub(crate) ray_tracing: Option<RayTracing>,
+    /// Lanes of a subgroup, if they can vote, ballot and shuffle.
+    pub(crate) subgroup_lanes: Option<u32>,
 }
 
 impl DeviceInfo {
@@ -371,6 +373,14 @@ impl Instance {
             max_side: base.limits.max_image_dimension2_d,
             max_allocation_bytes: limits_11.max_memory_allocation_size,
             has_budget,
+            subgroup_lanes: limits_11
+                .subgroup_supported_operations
+                .contains(
+                    vk::SubgroupFeatureFlags::VOTE
+                        | vk::SubgroupFeatureFlags::BALLOT
+                        | vk::SubgroupFeatureFlags::SHUFFLE,
+                )
+                .then_some(limits_11.subgroup_size),
         }
     }
 }

@@ -147,6 +147,20 @@ impl Layout {
         unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) }
     }
 
+    /// Points binding 0 to parameters, for shaders without images.
+    pub fn bind_parameters(&mut self, parameters: &Buffer) {
+        let buffer = [vk::DescriptorBufferInfo::default()
+            .buffer(parameters.raw())
+            .range(vk::WHOLE_SIZE)];
+        let writes = [vk::WriteDescriptorSet::default()
+            .dst_set(self.set)
+            .dst_binding(0)
+            .descriptor_type(vk::DescriptorType::UNIFORM_BUFFER)
+            .buffer_info(&buffer)];
+        // SAFETY: as for `bind`.
+        unsafe { self.device.raw().update_descriptor_sets(&writes, &[]) }
+    }
+
     /// Points binding 2 to an acceleration structure.
     pub fn bind_scene(&mut self, scene: vk::AccelerationStructureKHR) {
         let scenes = [scene];

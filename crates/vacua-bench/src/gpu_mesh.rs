@@ -1,0 +1,413 @@
+//! Packed meshes on a GPU: bytes, sending, first pictures, frames with and without skipping, and
+//! samples at random places: the device's part of paper B's Tables 3, 4 and 6.
+//!
+//! Times of stages are those of the device's own clock. A frame's pictures by all methods are
+//! compared to the bit, and a smaller one with the CPU's.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Instant;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use vacua_gpu::{DeviceChoice, GpuRenderer, MeshBytes};
+use vacua_io::picture::{Picture, write_png};
+use vacua_render::{
+    Camera, CpuRenderer, Frame, Projection, RenderSettings, Renderer, Scene, Shading, SkipMethod,
+};
+use vacua_synth::{BenchScene, MeshKind, MeshSpec, generate_mesh};
+use vacua_volume::{Bounds, ComponentChoice, FieldChoice};
+
+use crate::error::BenchError;
+use crate::gpu::compare;
+use crate::machine::Machine;
+use crate::timing::median;
+
+/// A mesh of a kind and size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshChoice {
+    /// Which kind.
+    pub kind: MeshKind,
+    /// Cells a side, about.
+    pub size: usize,
+}
+
+impl FromStr for MeshChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, size) = match text.split_once(':') {
+            Some((name, size)) => (name, Some(size)),
+            None => (text, None),
+        };
+        let kind: MeshKind = name
+            .parse()
+            .map_err(|e: vacua_synth::UnknownMeshKind| e.to_string())?;
+        let size = match size {
+            Some(size) => size
+                .parse()
+                .map_err(|_| format!("`{size}` is no size of a mesh"))?,
+            None => kind.default_size(),
+        };
+        Ok(Self { kind, size })
+    }
+}
+
+/// What to measure.
+#[derive(Clone, Debug)]
+pub struct GpuMeshOptions {
+    /// On which device.
+    pub device: DeviceChoice,
+    /// Which meshes.
+    pub meshes: Vec<MeshChoice>,
+    /// Whether points and cells come in random order.
+    pub shuffled: bool,
+    /// Pixels a row and rows.
+    pub size: (usize, usize),
+    /// Frames of which the median counts.
+    pub repeats: usize,
+    /// Lattice cubes a side of a macrocell.
+    pub sides: Vec<usize>,
+    /// Whether to measure with gradient shading too.
+    pub shaded: bool,
+    /// Whether to measure rays that search on their own too.
+    pub alone: bool,
+    /// Random places that are sampled at once; 0 for none.
+    pub places: usize,
+    /// Folder for pictures.
+    pub pictures: Option<PathBuf>,
+}
+
+/// What was measured.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct GpuMeshResults {
+    /// Where and when.
+    pub machine: Machine,
+    /// Name of the device.
+    pub device: String,
+    /// Pixels a row and rows.
+    pub size: (usize, usize),
+    /// One entry a mesh.
+    pub meshes: Vec<MeshResult>,
+}
+
+/// Everything about one mesh.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MeshResult {
+    /// Kind and size.
+    pub name: String,
+    /// Cells.
+    pub cells: u64,
+    /// Points.
+    pub points: u64,
+    /// Bytes of the file's sections: geometry and one field.
+    pub file_bytes: u64,
+    /// Bytes on the device: positions, indices, nodes, values, tables.
+    pub device_bytes: [u64; 5],
+    /// Seconds to send and check the mesh.
+    pub send_secs: f64,
+    /// Seconds of the first picture, packing on the host included.
+    pub first_secs: f64,
+    /// Of these, seconds to pack the mesh.
+    pub pack_secs: f64,
+    /// Frames.
+    pub rows: Vec<MeshRow>,
+    /// Samples a second at random places, searched for together and alone; `None` if not measured.
+    pub random_per_sec: Option<[f64; 2]>,
+    /// Against the CPU's picture at a quarter of the size: dB, and the largest difference in steps of
+    /// 8 bits.
+    pub against_cpu: (f64, u8),
+}
+
+/// One way to make a picture.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MeshRow {
+    /// How space is skipped.
+    pub method: String,
+    /// Lattice cubes a side of a macrocell; 0 without.
+    pub side: usize,
+    /// Whether the rays of a subgroup search together.
+    pub together: bool,
+    /// Whether surfaces are lit.
+    pub is_shaded: bool,
+    /// Median seconds of the march on the device.
+    pub march_secs: f64,
+    /// Samples of a frame.
+    pub samples: u64,
+    /// Active macrocells, and all.
+    pub active: [usize; 2],
+    /// Median seconds of a frame as a caller sees it, the picture on the host.
+    pub wall_secs: f64,
+    /// Whether the picture is that without skipping, to the bit.
+    pub is_exact: bool,
+}
+
+/// Measures everything.
+///
+/// # Errors
+/// [`BenchError`] if there is no device, or a mesh cannot be made or rendered.
+pub fn run(options: &GpuMeshOptions) -> Result<GpuMeshResults, BenchError> {
+    let mut gpu = GpuRenderer::new(options.device)?;
+    let mut meshes = Vec::new();
+    for &choice in &options.meshes {
+        meshes.push(measure(&mut gpu, options, choice)?);
+    }
+    Ok(GpuMeshResults {
+        machine: Machine::describe(rayon::current_num_threads()),
+        device: gpu.device().name().to_owned(),
+        size: options.size,
+        meshes,
+    })
+}
+
+/// The view of the benchmark scenes: the bounding sphere just fits.
+fn camera(bounds: Bounds) -> Camera {
+    const FOV_DEGREES: f64 = 20.0;
+    let at = bounds.center();
+    let radius = 0.5 * (bounds.hi - bounds.lo).length();
+    let distance = radius / (0.5 * FOV_DEGREES).to_radians().sin();
+    Camera::Placed {
+        eye: at + distance * DVec3::new(0.8, 0.5, 1.0).normalize(),
+        at,
+        up: DVec3::Y,
+        projection: Projection::Perspective {
+            fov_degrees: FOV_DEGREES,
+        },
+    }
+}
+
+fn measure(
+    gpu: &mut GpuRenderer,
+    options: &GpuMeshOptions,
+    choice: MeshChoice,
+) -> Result<MeshResult, BenchError> {
+    let MeshChoice { kind, size } = choice;
+    let dataset = generate_mesh(&MeshSpec {
+        size,
+        shuffled: options.shuffled,
+        ..MeshSpec::new(kind)
+    })?;
+    let volume = dataset.volume(&FieldChoice::Only, ComponentChoice::Auto)?;
+    drop(dataset);
+    let (cells, points) = volume
+        .mesh()
+        .map_or((0, 0), |m| (m.num_cells() as u64, m.num_points() as u64));
+    let camera = match kind {
+        MeshKind::Tet100 | MeshKind::Hex150 => camera(Bounds {
+            lo: DVec3::ZERO,
+            hi: DVec3::splat(size as f64),
+        }),
+        _ => camera(volume.geometry().bounds()),
+    };
+    let scene = Scene::new(volume, BenchScene::transfer_function(1.0)?).camera(camera);
+    let base = RenderSettings {
+        width: options.size.0,
+        height: options.size.1,
+        skip: SkipMethod::None,
+        ..RenderSettings::default()
+    };
+    gpu.set_together(true);
+    let start = Instant::now();
+    let first = gpu.render(&scene, &base)?;
+    let first_secs = start.elapsed().as_secs_f64();
+    let send_secs = gpu.mesh_send_secs();
+    let bytes = gpu.mesh_bytes().unwrap_or_default();
+    let mut rows = Vec::new();
+    for shading in [Shading::None, Shading::Gradient] {
+        if shading == Shading::Gradient && !options.shaded {
+            continue;
+        }
+        let none = RenderSettings {
+            shading,
+            ..base.clone()
+        };
+        let reference = gpu.render(&scene, &none)?.frame;
+        if let Some(folder) = &options.pictures {
+            let lit = if shading == Shading::None { "" } else { "-lit" };
+            write(&folder.join(format!("{kind}-{size}{lit}.png")), &reference)?;
+        }
+        let mut ways = vec![(none.clone(), true)];
+        ways.extend(options.sides.iter().map(|&side| {
+            let grid = RenderSettings {
+                skip: SkipMethod::Grid,
+                macrocell_side: Some(side),
+                ..none.clone()
+            };
+            (grid, true)
+        }));
+        if options.alone {
+            ways.push((none, false));
+        }
+        for (settings, together) in ways {
+            gpu.set_together(together);
+            rows.push(row(gpu, options, &scene, &settings, together, &reference)?);
+        }
+        gpu.set_together(true);
+    }
+    let random_per_sec = match options.places {
+        0 => None,
+        count => Some(random(gpu, count)?),
+    };
+    let small = RenderSettings {
+        width: options.size.0 / 4,
+        height: options.size.1 / 4,
+        skip: SkipMethod::Grid,
+        ..base
+    };
+    let ours = gpu.render(&scene, &small)?.frame;
+    let theirs = CpuRenderer::new(None)?.render(&scene, &small)?.frame;
+    let MeshBytes {
+        positions,
+        indices,
+        nodes,
+        values,
+        tables,
+    } = bytes;
+    Ok(MeshResult {
+        name: format!("{kind} {size}"),
+        cells,
+        points,
+        file_bytes: gpu.mesh_file_bytes().unwrap_or(0),
+        device_bytes: [positions, indices, nodes, values, tables],
+        send_secs,
+        first_secs,
+        pack_secs: (first.report.volume_secs - send_secs).max(0.0),
+        rows,
+        random_per_sec,
+        against_cpu: compare(&ours, &theirs),
+    })
+}
+
+fn row(
+    gpu: &mut GpuRenderer,
+    options: &GpuMeshOptions,
+    scene: &Scene,
+    settings: &RenderSettings,
+    together: bool,
+    reference: &Frame,
+) -> Result<MeshRow, BenchError> {
+    let first = gpu.render(scene, settings)?;
+    let (mut march, mut wall) = (Vec::new(), Vec::new());
+    for _ in 0..options.repeats {
+        let start = Instant::now();
+        gpu.render(scene, settings)?;
+        wall.push(start.elapsed().as_secs_f64());
+        march.push(gpu.timings().secs("march"));
+    }
+    let frame = &first.frame;
+    Ok(MeshRow {
+        method: first.report.method.name().to_owned(),
+        side: match settings.skip {
+            SkipMethod::None => 0,
+            _ => first.report.macrocell_side,
+        },
+        together,
+        is_shaded: settings.shading == Shading::Gradient,
+        march_secs: median(march),
+        samples: frame.total_samples(),
+        active: [first.report.num_active, first.report.num_macrocells],
+        wall_secs: median(wall),
+        is_exact: frame.rgba == reference.rgba && frame.depth == reference.depth,
+    })
+}
+
+/// Samples a second at random places of the mesh's box, searched for together and alone.
+fn random(gpu: &mut GpuRenderer, count: usize) -> Result<[f64; 2], BenchError> {
+    let mut state = 1u64;
+    let mut next = || {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    let Some([lo, hi]) = gpu.mesh_box() else {
+        return Ok([0.0; 2]);
+    };
+    let places: Vec<[f32; 3]> = (0..count)
+        .map(|_| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * next()))
+        .collect();
+    let mut rates = [0.0; 2];
+    for (rate, together) in rates.iter_mut().zip([true, false]) {
+        gpu.set_together(together);
+        gpu.sample_mesh(&places)?;
+        gpu.sample_mesh(&places)?;
+        *rate = count as f64 / gpu.timings().secs("sample");
+    }
+    gpu.set_together(true);
+    Ok(rates)
+}
+
+fn write(path: &std::path::Path, frame: &Frame) -> Result<(), BenchError> {
+    let picture = Picture {
+        width: frame.width,
+        height: frame.height,
+        rgba: &frame.rgba,
+        depth: None,
+        cost: None,
+    };
+    Ok(write_png(path, &picture, Some([0.0; 3]))?)
+}
+
+impl GpuMeshResults {
+    /// A table a mesh.
+    pub fn markdown(&self) -> String {
+        let mut out = String::new();
+        let (width, height) = self.size;
+        let _ = writeln!(out, "{} at {width} × {height}\n", self.device);
+        let _ = writeln!(out, "{}", self.machine.markdown());
+        for mesh in &self.meshes {
+            let (psnr, apart) = mesh.against_cpu;
+            let total: u64 = mesh.device_bytes.iter().sum();
+            let [positions, indices, nodes, values, tables] =
+                mesh.device_bytes.map(|b| b as f64 / 1e6);
+            let _ = writeln!(
+                out,
+                "## {}: {} cells, {} points\n\n\
+                 On the device {:.1} MB, {:.2} B a cell (positions {positions:.1}, indices \
+                 {indices:.1}, nodes {nodes:.1}, values {values:.1}, tables {tables:.1} MB); file \
+                 sections {:.1} MB; sent and checked in {:.3} s, first picture {:.2} s after the mesh \
+                 was packed ({:.1} s); against the CPU {psnr:.1} dB, at most {apart} of 255.\n",
+                mesh.name,
+                mesh.cells,
+                mesh.points,
+                total as f64 / 1e6,
+                total as f64 / mesh.cells.max(1) as f64,
+                mesh.file_bytes as f64 / 1e6,
+                mesh.send_secs,
+                mesh.first_secs - mesh.pack_secs,
+                mesh.pack_secs,
+            );
+            if let Some([together, alone]) = mesh.random_per_sec {
+                let _ = writeln!(
+                    out,
+                    "Random places: {:.3} Gsamples/s together, {:.3} alone.\n",
+                    together / 1e9,
+                    alone / 1e9
+                );
+            }
+            out.push_str(
+                "| method | K | search | lit | march ms | frame, wall ms | Msamples | Gsamples/s \
+                 | active % | exact |\n|---|---|---|---|---|---|---|---|---|---|\n",
+            );
+            for r in &mesh.rows {
+                let active = 100.0 * r.active[0] as f64 / r.active[1].max(1) as f64;
+                let _ = writeln!(
+                    out,
+                    "| {} | {} | {} | {} | {:.3} | {:.2} | {:.1} | {:.2} | {active:.1} | {} |",
+                    r.method,
+                    r.side,
+                    if r.together { "together" } else { "alone" },
+                    if r.is_shaded { "yes" } else { "" },
+                    1e3 * r.march_secs,
+                    1e3 * r.wall_secs,
+                    r.samples as f64 / 1e6,
+                    r.samples as f64 / 1e9 / r.march_secs,
+                    if r.is_exact { "yes" } else { "NO" },
+                );
+            }
+            out.push('\n');
+        }
+        out
+    }
+}

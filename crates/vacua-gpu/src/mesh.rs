@@ -1,0 +1,502 @@
+//! A packed mesh on the device, as it lies in its file (paper B §4 and §5).
+//!
+//! Positions, indices, nodes and values are sent byte for byte; what is made for the device is where
+//! the parts of each sub-mesh begin, 128 bytes a sub-mesh. Shaders follow addresses, so that a section
+//! may be of any size: sections are split between sub-meshes where a device wants smaller buffers.
+//! Values of wide types become the `f32` that rendering computes with.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use vacua_pack::layout::SubmeshHeader;
+use vacua_pack::{Nodes, PackedMesh};
+use vacua_render::SceneData;
+use vacua_render::contract::PackedCells;
+use vacua_volume::{Association, ScalarType, ValueMap, ValueRange, ValueScale};
+
+use crate::error::GpuError;
+use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
+
+/// Bytes that are sent at once.
+const STAGING_BYTES: u64 = 64 << 20;
+
+/// Bytes past a part that shaders may read: they take five indices where there are four.
+const MARGIN: u64 = 16;
+
+/// Bits of an index that shaders know.
+const INDEX_BITS: u32 = 16;
+
+/// Coordinates up to which shaders compute; beyond, products could overflow.
+const LARGEST: f32 = 1e30;
+
+/// Numbers of the constants that pipelines of meshes are specialised by, besides those of all.
+pub(crate) mod mesh_constant {
+    pub const VALUE_TYPE: u32 = 32;
+    pub const INNER_NODES: u32 = 33;
+    pub const VARYING: u32 = 34;
+    pub const TOGETHER: u32 = 35;
+    pub const HAS_TETS: u32 = 36;
+    pub const HAS_OTHERS: u32 = 37;
+    pub const LANES: u32 = 40;
+    pub const SUBGROUPS: u32 = 41;
+    pub const INVOCATIONS: u32 = 42;
+}
+
+/// A sub-mesh as shaders see it: `Submesh` of `mesh.glsl`, which says what each member means.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct DeviceSubmesh {
+    pub lo: [f32; 4],
+    pub hi: [f32; 4],
+    pub base: [f32; 4],
+    pub sixteenths: [f32; 4],
+    pub nodes: u64,
+    pub positions: u64,
+    pub indices: u64,
+    pub values: u64,
+    pub cells_before: u64,
+    pub first_value: u32,
+    pub num_nodes: u32,
+    pub num_vertices: u32,
+    pub num_indices: u32,
+    pub has_marker: u32,
+    pub has_others: u32,
+}
+
+/// A mesh as shaders see it: the block `Mesh` of `mesh.glsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub(crate) struct MeshHeader {
+    pub corner: [f32; 4],
+    pub slack: [f32; 4],
+    pub submeshes: u64,
+    pub minima: u64,
+    pub num_submeshes: u32,
+    pub minima_x: u32,
+    pub minima_y: u32,
+    pub minima_z: u32,
+    pub overflow: u32,
+    pub damage: u32,
+}
+
+/// How values lie on the device; numbers as in `mesh.glsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ValueType {
+    F32 = 0,
+    U8 = 1,
+    I8 = 2,
+    U16 = 3,
+    I16 = 4,
+}
+
+impl ValueType {
+    fn bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+        }
+    }
+}
+
+/// Bytes of every part of a mesh on the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshBytes {
+    /// Positions of vertices.
+    pub positions: u64,
+    /// Indices of cells.
+    pub indices: u64,
+    /// Multi-nodes.
+    pub nodes: u64,
+    /// Values, and where those of each node's cells begin.
+    pub values: u64,
+    /// Where the parts of sub-meshes begin, and the smallest cells in boxes of space.
+    pub tables: u64,
+}
+
+impl MeshBytes {
+    /// The sum.
+    pub fn total(&self) -> u64 {
+        self.positions + self.indices + self.nodes + self.values + self.tables
+    }
+}
+
+/// A mesh on the device, and what of it the host keeps.
+pub(crate) struct DeviceMesh {
+    pub data: SceneData,
+    pub scale: ValueScale,
+    pub cells: PackedCells,
+    pub map: ValueMap,
+    /// Range of the finite values; `None` if there are none.
+    pub range: Option<ValueRange>,
+    pub value_type: ValueType,
+    pub header: Buffer,
+    pub bytes: MeshBytes,
+    /// Seconds to send and check it.
+    pub send_secs: f64,
+    /// Everything that the header leads to.
+    _parts: Vec<Buffer>,
+}
+
+/// One section in one or more buffers.
+struct Section {
+    chunks: Vec<(Range<u64>, Buffer)>,
+}
+
+impl Section {
+    /// Where the device has a byte of the section.
+    fn address(&self, byte: u64) -> u64 {
+        let chunk = self.chunks.iter().find(|(r, _)| r.contains(&byte));
+        chunk.map_or(0, |(range, buffer)| buffer.address() + (byte - range.start))
+    }
+
+    fn size_bytes(&self) -> u64 {
+        self.chunks.iter().map(|(_, b)| b.size_bytes()).sum()
+    }
+}
+
+/// Sends sections.
+struct Sender<'a> {
+    device: &'a Arc<Device>,
+    commands: &'a mut Commands,
+    layout: &'a Layout,
+    staging: Buffer,
+    max_bytes: u64,
+}
+
+impl Sender<'_> {
+    /// Sends a section; `parts` are the bytes of each sub-mesh, none of which is split. `fill` writes
+    /// the bytes from a place on.
+    fn send(
+        &mut self,
+        what: &'static str,
+        len: u64,
+        parts: &[Range<u64>],
+        fill: impl Fn(u64, &mut [u8]),
+    ) -> Result<Section, GpuError> {
+        let mut chunks: Vec<Range<u64>> = Vec::new();
+        for part in parts.iter().filter(|p| p.start < p.end) {
+            let part = part.start..(part.end + MARGIN).min(len);
+            match chunks.last_mut() {
+                Some(last)
+                    if last.start <= part.start
+                        && part.end.max(last.end) - last.start <= self.max_bytes =>
+                {
+                    last.end = last.end.max(part.end);
+                }
+                _ => chunks.push(part),
+            }
+        }
+        let mut made = Vec::new();
+        for range in chunks {
+            let size = range.end - range.start;
+            let buffer = Buffer::new(self.device, what, size + MARGIN, Place::Device)?;
+            let mut from = 0;
+            while from < size {
+                let now = (size - from).min(STAGING_BYTES);
+                fill(
+                    range.start + from,
+                    &mut self.staging.bytes_mut()[..now as usize],
+                );
+                let staging = &self.staging;
+                self.commands.run(self.layout, |recorder| {
+                    recorder.copy(staging, &buffer, from, now);
+                    recorder.barrier();
+                    Ok(())
+                })?;
+                from += now;
+            }
+            made.push((range, buffer));
+        }
+        Ok(Section { chunks: made })
+    }
+
+    /// Sends bytes as they are.
+    fn send_bytes(
+        &mut self,
+        what: &'static str,
+        bytes: &[u8],
+        parts: &[Range<u64>],
+    ) -> Result<Section, GpuError> {
+        self.send(what, bytes.len() as u64, parts, |first, to| {
+            const CHUNK: usize = 1 << 20;
+            let from = &bytes[first as usize..first as usize + to.len()];
+            to.par_chunks_mut(CHUNK)
+                .zip(from.par_chunks(CHUNK))
+                .for_each(|(to, from)| to.copy_from_slice(from));
+        })
+    }
+
+    /// Sends all of something small as one buffer.
+    fn send_whole(&mut self, what: &'static str, bytes: &[u8]) -> Result<Buffer, GpuError> {
+        let buffer = Buffer::new(self.device, what, bytes.len() as u64, Place::Device)?;
+        let mut from = 0;
+        while from < bytes.len() {
+            let now = (bytes.len() - from).min(STAGING_BYTES as usize);
+            self.staging.bytes_mut()[..now].copy_from_slice(&bytes[from..from + now]);
+            let staging = &self.staging;
+            self.commands.run(self.layout, |recorder| {
+                recorder.copy(staging, &buffer, from as u64, now as u64);
+                recorder.barrier();
+                Ok(())
+            })?;
+            from += now;
+        }
+        Ok(buffer)
+    }
+}
+
+impl DeviceMesh {
+    /// Sends a mesh to the device, for transfer functions of one scale; no buffer takes more than
+    /// `max_bytes` unless a sub-mesh alone does.
+    pub fn new(
+        device: &Arc<Device>,
+        commands: &mut Commands,
+        layout: &Layout,
+        data: SceneData,
+        scale: ValueScale,
+        cells: PackedCells,
+        max_bytes: u64,
+    ) -> Result<Self, GpuError> {
+        check(device, cells.mesh())?;
+        let scalars = data.scalars();
+        let range = scalars.range(0);
+        let map = match (scale, range) {
+            (ValueScale::Linear, Some(range)) => ValueMap::for_range(scalars.scalar_type(), range),
+            _ => ValueMap::IDENTITY,
+        };
+        let (mesh, field) = (cells.mesh(), cells.field());
+        let value_type = match (map.is_identity(), field.values().scalar_type()) {
+            (true, ScalarType::U8) => ValueType::U8,
+            (true, ScalarType::I8) => ValueType::I8,
+            (true, ScalarType::U16) => ValueType::U16,
+            (true, ScalarType::I16) => ValueType::I16,
+            _ => ValueType::F32,
+        };
+        let is_as_stored = map.is_identity()
+            && (value_type != ValueType::F32 || field.values().scalar_type() == ScalarType::F32);
+        let needed = mesh.bytes().total() as u64
+            + field.values().tuples() as u64 * value_type.bytes()
+            + field.bytes().cells_before as u64;
+        if needed > device.free_bytes() {
+            return Err(device.too_little("the mesh", needed));
+        }
+        let mut sender = Sender {
+            device,
+            commands,
+            layout,
+            staging: Buffer::new(device, "sending the mesh", STAGING_BYTES, Place::Upload)?,
+            max_bytes,
+        };
+        let headers = mesh.submeshes();
+        let parts = |of: &dyn Fn(&SubmeshHeader) -> Range<u64>| -> Vec<Range<u64>> {
+            headers.iter().map(of).collect()
+        };
+        let vertices =
+            |h: &SubmeshHeader| h.first_vertex..h.first_vertex + u64::from(h.num_vertices);
+        let times = |r: Range<u64>, bytes: u64| r.start * bytes..r.end * bytes;
+        let positions = sender.send_bytes(
+            "the mesh's positions",
+            bytemuck::cast_slice(mesh.positions()),
+            &parts(&|h| times(vertices(h), 12)),
+        )?;
+        let indices = sender.send_bytes(
+            "the mesh's indices",
+            mesh.indices().bytes(),
+            &parts(&|h| times(h.first_index..h.first_index + h.num_indices, 2)),
+        )?;
+        let node_bytes = match mesh.nodes() {
+            Nodes::MultiLeaves(_) => 48,
+            Nodes::MultiNodes(_) => 52,
+        };
+        let nodes = sender.send_bytes(
+            "the mesh's nodes",
+            mesh.nodes().bytes(),
+            &parts(&|h| times(h.nodes(), node_bytes)),
+        )?;
+        let size = value_type.bytes();
+        let of_values = |h: &SubmeshHeader| match field.association() {
+            Association::Point => vertices(h),
+            Association::Cell => h.first_cell..h.first_cell + h.total_cells(),
+        };
+        // From a multiple of four on, as shaders read words.
+        let value_parts = parts(&|h| {
+            let part = times(of_values(h), size);
+            part.start / 4 * 4..part.end
+        });
+        let values = if is_as_stored {
+            sender.send_bytes("the mesh's values", field.values().bytes(), &value_parts)?
+        } else {
+            let len = 4 * field.values().tuples() as u64;
+            sender.send("the mesh's values", len, &value_parts, |first, to| {
+                const CHUNK: usize = 1 << 18;
+                let chunks = to.par_chunks_mut(4 * CHUNK).enumerate();
+                chunks.for_each(|(i, to)| {
+                    let first = first as usize / 4 + i * CHUNK;
+                    for (k, to) in to.chunks_exact_mut(4).enumerate() {
+                        let value = map.rendered(field.values().get_f64(first + k, 0));
+                        to.copy_from_slice(&value.to_le_bytes());
+                    }
+                });
+            })?
+        };
+        let cells_before = match field.cells_before() {
+            Some(before) => Some(sender.send_bytes(
+                "the mesh's cells",
+                bytemuck::cast_slice(before),
+                &parts(&|h| times(h.nodes(), 4)),
+            )?),
+            None => None,
+        };
+        let table: Vec<DeviceSubmesh> = headers
+            .iter()
+            .map(|h| {
+                let first_value = of_values(h).start * size;
+                DeviceSubmesh {
+                    lo: extended(h.lo),
+                    hi: extended(h.hi),
+                    base: extended(h.grid_base.map(|b| b as f32)),
+                    sixteenths: extended(h.grid_exponent.map(|e| f64::from(4 - e).exp2() as f32)),
+                    nodes: nodes.address(h.first_node * node_bytes),
+                    positions: positions.address(12 * h.first_vertex),
+                    indices: indices.address(2 * h.first_index),
+                    values: values.address(first_value / 4 * 4),
+                    cells_before: cells_before
+                        .as_ref()
+                        .map_or(0, |s| s.address(4 * h.first_node)),
+                    first_value: (first_value % 4 / size) as u32,
+                    num_nodes: h.num_nodes,
+                    num_vertices: h.num_vertices,
+                    num_indices: h.num_indices as u32,
+                    has_marker: u32::from(h.has_marker()),
+                    has_others: u32::from(h.num_cells[1..].iter().any(|&n| n > 0)),
+                }
+            })
+            .collect();
+        let table = sender.send_whole("the mesh's parts", bytemuck::cast_slice(&table))?;
+        let (minima_counts, minima) = match cells.minima().map(|m| m.levels()) {
+            Some(levels @ [(counts, _), ..]) => {
+                let all: Vec<f32> = levels
+                    .iter()
+                    .flat_map(|(_, sizes)| sizes)
+                    .copied()
+                    .collect();
+                let sent =
+                    sender.send_whole("the mesh's cell sizes", bytemuck::cast_slice(&all))?;
+                (counts.map(|n| n as u32), Some(sent))
+            }
+            _ => ([0; 3], None),
+        };
+        let header = MeshHeader {
+            corner: {
+                let [x, y, z] = cells.corner();
+                [x, y, z, cells.cube()]
+            },
+            slack: slack(&cells),
+            submeshes: table.address(),
+            minima: minima.as_ref().map_or(0, Buffer::address),
+            num_submeshes: headers.len() as u32,
+            minima_x: minima_counts[0],
+            minima_y: minima_counts[1],
+            minima_z: minima_counts[2],
+            overflow: 0,
+            damage: 0,
+        };
+        let header = sender.send_whole("the mesh", bytemuck::bytes_of(&header))?;
+        let bytes = MeshBytes {
+            positions: positions.size_bytes(),
+            indices: indices.size_bytes(),
+            nodes: nodes.size_bytes(),
+            values: values.size_bytes() + cells_before.as_ref().map_or(0, Section::size_bytes),
+            tables: table.size_bytes()
+                + header.size_bytes()
+                + minima.as_ref().map_or(0, Buffer::size_bytes),
+        };
+        let sections = [
+            Some(positions),
+            Some(indices),
+            Some(nodes),
+            Some(values),
+            cells_before,
+        ];
+        let mut all: Vec<Buffer> = sections
+            .into_iter()
+            .flatten()
+            .flat_map(|s| s.chunks)
+            .map(|(_, buffer)| buffer)
+            .collect();
+        all.push(table);
+        all.extend(minima);
+        Ok(Self {
+            scale,
+            map,
+            range,
+            value_type,
+            header,
+            bytes,
+            send_secs: 0.0,
+            _parts: all,
+            cells,
+            data,
+        })
+    }
+}
+
+fn extended([x, y, z]: [f32; 3]) -> [f32; 4] {
+    [x, y, z, 0.0]
+}
+
+/// What rounding can move a computed place by along each axis, and a power of two that makes the
+/// mesh about 1 in size.
+fn slack(cells: &PackedCells) -> [f32; 4] {
+    let (mut slack, mut extent) = ([0.0f32; 3], 0.0f32);
+    for (a, slack) in slack.iter_mut().enumerate() {
+        let headers = cells.mesh().submeshes().iter();
+        let (lo, hi) = headers.fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), h| {
+            (lo.min(h.lo[a]), hi.max(h.hi[a]))
+        });
+        extent = extent.max(hi - lo);
+        let farthest = lo.abs().max(hi.abs()) + cells.corner()[a].abs() + cells.cube();
+        *slack = farthest * 2f32.powi(-22);
+    }
+    let exponent = if extent > 0.0 {
+        (-extent.log2().ceil()).clamp(-100.0, 100.0)
+    } else {
+        0.0
+    };
+    [slack[0], slack[1], slack[2], exponent.exp2()]
+}
+
+/// Whether shaders can follow the mesh.
+fn check(device: &Arc<Device>, mesh: &PackedMesh) -> Result<(), GpuError> {
+    let unsupported = |what: String| {
+        Err(GpuError::Unsupported {
+            what,
+            device: device.name().to_owned(),
+        })
+    };
+    if !matches!(mesh.nodes(), Nodes::MultiNodes(_)) {
+        return unsupported("a mesh without inner nodes (variant 1)".to_owned());
+    }
+    if mesh.index_bits() != INDEX_BITS {
+        return unsupported(format!("a mesh with indices of {} bits", mesh.index_bits()));
+    }
+    let origin = mesh.origin();
+    for (number, h) in mesh.submeshes().iter().enumerate() {
+        if mesh.submesh(number).is_none() {
+            return unsupported(format!("sub-mesh {number}, whose parts are not all there,"));
+        }
+        let is_tame = (0..3).all(|a| {
+            h.origin[a] == origin[a]
+                && f64::from(h.grid_base[a] as f32) == h.grid_base[a]
+                && h.lo[a] >= -LARGEST
+                && h.hi[a] <= LARGEST
+        });
+        if !is_tame || h.num_indices >= 1 << 31 {
+            return unsupported(format!("a mesh with coordinates as of sub-mesh {number}"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,455 @@
+// Pyramids, wedges and hexahedra: the inverse of their maps. Twins of `vacua_pack`'s vector code: by
+// Newton's method in `f32`, with a bound on how far each iterate is from that of exact arithmetic.
+// What that leaves in doubt, `f64` decides, by the very operations of the scalar code.
+
+// Steps before a place is left to `f64`.
+const int NEWTON_STEPS = 6;
+// A last step this small is the last.
+const float LAST_STEP = 1.0 / 1024.0;
+// An error this large, in local coordinates, makes a place uncertain.
+const float LOST = 1.0 / 32.0;
+// Local coordinates this far out are given up.
+const float FAR = 3.0;
+// Bound on the rounding of a solution, and by how much solving can enlarge a right-hand side; both
+// divided by column length and relative determinant.
+const float NEWTON_ROUNDING = 512.0 / 16777216.0;
+const float SOLVING = 8.0;
+// A pyramid's apex, in units of its size, within which base coordinates mean too little.
+const float NEAR_APEX = 1.0 / 64.0;
+
+// The same in `f64`.
+const int EXACT_STEPS = 24;
+const double EXACT_LAST_STEP = 1e-7LF;
+const double EXACT_FAR = 1e3LF;
+const double TOLERANCE = 1e-9LF;
+
+const uint OUTSIDE = 0;
+const uint INSIDE = 1;
+const uint IN_DOUBT = 2;
+
+// Weights of up to eight corners, the first four and the last four.
+struct Weights {
+    vec4 low;
+    vec4 high;
+};
+
+float largest_of(vec3 a) {
+    return max(max(abs(a.x), abs(a.y)), abs(a.z));
+}
+
+vec3 add_scaled(vec3 a, float s, vec3 b) {
+    precise vec3 sum = fma(vec3(s), b, a);
+    return sum;
+}
+
+// `x` with `columns · x = right`; the determinant over the columns' lengths; the shortest column.
+vec3 solve(vec3 a, vec3 b, vec3 c, vec3 right, out float relative, out float shortest) {
+    vec3 bc = cross_of(b, c);
+    float determinant = dot_of(a, bc);
+    precise float inverse = 1.0 / determinant;
+    precise vec3 x =
+        vec3(dot_of(right, bc), dot_of(right, cross_of(c, a)), dot_of(right, cross_of(a, b)))
+        * inverse;
+    vec3 lengths = vec3(largest_of(a), largest_of(b), largest_of(c));
+    relative = abs(determinant) / (lengths.x * lengths.y * lengths.z);
+    shortest = min(min(lengths.x, lengths.y), lengths.z);
+    return x;
+}
+
+// Coefficients of a cell's map, its corners seen from the place. Hexahedron: 1, r, s, t, rs, st, tr,
+// rst. Wedge: 1, r, s, t, and the twists of r and s. Pyramid: corner, a, b, bend, target.
+struct Map {
+    vec3 c[8];
+    float bend;
+};
+
+// Value and derivatives of a map.
+void map_at(uint kind, Map map, vec3 x, out vec3 value, out vec3 dx, out vec3 dy, out vec3 dz) {
+    if (kind == HEXAHEDRON) {
+        vec3 rs_t = add_scaled(map.c[4], x.z, map.c[7]);
+        dx = add_scaled(add_scaled(map.c[1], x.z, map.c[6]), x.y, rs_t);
+        dy = add_scaled(add_scaled(map.c[2], x.z, map.c[5]), x.x, rs_t);
+        vec3 tr_s = add_scaled(map.c[6], x.y, map.c[7]);
+        dz = add_scaled(add_scaled(map.c[3], x.y, map.c[5]), x.x, tr_s);
+        vec3 plane = add_scaled(map.c[0], x.y, add_scaled(map.c[2], x.z, map.c[5]));
+        value = add_scaled(add_scaled(plane, x.z, map.c[3]), x.x, dx);
+    } else if (kind == WEDGE) {
+        dx = add_scaled(map.c[1], x.z, map.c[4]);
+        dy = add_scaled(map.c[2], x.z, map.c[5]);
+        dz = add_scaled(add_scaled(map.c[3], x.x, map.c[4]), x.y, map.c[5]);
+        value = add_scaled(add_scaled(add_scaled(map.c[0], x.z, map.c[3]), x.x, dx), x.y, dy);
+    } else {
+        float r = x.y / x.x;
+        float s = x.z / x.x;
+        precise vec3 sum = fma(vec3(x.y), map.c[1], x.x * map.c[0]);
+        sum = add_scaled(add_scaled(sum, x.z, map.c[2]), x.y * s, map.c[3]);
+        precise vec3 apart = sum - map.c[4];
+        value = apart;
+        dx = add_scaled(map.c[0], -(r * s), map.c[3]);
+        dy = add_scaled(map.c[1], s, map.c[3]);
+        dz = add_scaled(map.c[2], r, map.c[3]);
+    }
+}
+
+// Bound on the second derivatives around some coordinates.
+float bend_at(uint kind, Map map, vec3 x) {
+    if (kind != PYRAMID) return map.bend;
+    // Of u·v/w, with half of w to spare for the way of a step.
+    float r = abs(x.y) / x.x + 1.0;
+    float s = abs(x.z) / x.x + 1.0;
+    float bend = map.bend * (8.0 * r * s / x.x);
+    return x.x > 1.0 / 64.0 ? bend : 3e38;
+}
+
+// Local coordinates at which a map is zero, from a start that is off by `error`; `margin` is how far
+// they may be off, `certain` whether that is a bound.
+vec3 newton(uint kind, Map map, vec3 start, float error, out float margin, out bool certain) {
+    vec3 x = start;
+    certain = true;
+    margin = 3e38;
+    for (int i = 0; i < NEWTON_STEPS; ++i) {
+        vec3 value, dx, dy, dz;
+        map_at(kind, map, x, value, dx, dy, dz);
+        float relative, shortest;
+        vec3 step = solve(dx, dy, dz, value, relative, shortest);
+        precise float inverse = 1.0 / (shortest * relative);
+        precise float growth = bend_at(kind, map, x) * (inverse * SOLVING);
+        precise vec3 next = x - step;
+        x = next;
+        float size = largest_of(step);
+        precise float after = fma(growth * error, size + error, inverse * NEWTON_ROUNDING);
+        error = after;
+        // Comparisons with what is not a number fail.
+        certain = error < LOST && largest_of(x) < FAR;
+        if (!certain) return x;
+        precise float left = fma(growth * size, size, error);
+        margin = left;
+        if (size < LAST_STEP && margin < LOST) return x;
+    }
+    certain = margin < LOST;
+    return x;
+}
+
+uint verdict_of(bool certain, float least, float margin) {
+    if (certain && margin < least) return INSIDE;
+    if (certain && least < -margin) return OUTSIDE;
+    return IN_DOUBT;
+}
+
+// What `f32` says of a cell and a place in the box around its corners, `p` being those as seen from
+// the place; the weights if it is inside.
+uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
+    weights = Weights(vec4(0.0), vec4(0.0));
+    float size = 0.0;
+    for (int k = 0; k < 8; ++k) size = max(size, largest_of(p[k]));
+    if (!(size > 1e-30 && size < 1e30)) return IN_DOUBT;
+    // The power of two that brings sizes to between 1 and 2.
+    float scale = uintBitsToFloat(0x7f000000u - (floatBitsToUint(size) & 0x7f800000u));
+    for (int k = 0; k < 8; ++k) p[k] *= scale;
+    Map map;
+    float margin;
+    bool certain;
+    precise vec3 a = p[1] - p[0];
+    if (kind == HEXAHEDRON) {
+        precise vec3 b = p[3] - p[0];
+        precise vec3 c = p[4] - p[0];
+        precise vec3 rs = (p[2] - p[3]) - a;
+        precise vec3 st = (p[7] - p[4]) - b;
+        precise vec3 tr = (p[5] - p[4]) - a;
+        precise vec3 rst = ((p[6] - p[7]) - (p[5] - p[4])) - rs;
+        map.c = vec3[8](p[0], a, b, c, rs, st, tr, rst);
+        map.bend = fma(
+            3.0 * FAR,
+            largest_of(rst),
+            (largest_of(rs) + largest_of(st)) + largest_of(tr)
+        );
+        vec3 x = newton(kind, map, vec3(0.5), 0.0, margin, certain);
+        precise vec3 y = 1.0 - x;
+        float least = min(min(min(x.x, x.y), x.z), min(min(y.x, y.y), y.z));
+        precise vec4 across = vec4(y.x, x.x, x.x, y.x) * vec4(y.y, y.y, x.y, x.y);
+        precise vec4 low = across * y.z;
+        precise vec4 high = across * x.z;
+        weights = Weights(low, high);
+        return verdict_of(certain, least, margin);
+    }
+    if (kind == WEDGE) {
+        precise vec3 b = p[2] - p[0];
+        precise vec3 rise = p[3] - p[0];
+        precise vec3 twist_r = (p[4] - p[3]) - a;
+        precise vec3 twist_s = (p[5] - p[3]) - b;
+        map.c = vec3[8](p[0], a, b, rise, twist_r, twist_s, vec3(0.0), vec3(0.0));
+        map.bend = largest_of(twist_r) + largest_of(twist_s);
+        vec3 x = newton(kind, map, vec3(1.0 / 3.0, 1.0 / 3.0, 0.5), 0.0, margin, certain);
+        precise float q = (1.0 - x.x) - x.y;
+        precise float u = 1.0 - x.z;
+        float least = min(min(x.x, x.y), min(q, min(x.z, u)));
+        precise vec3 low = vec3(q, x.x, x.y) * u;
+        precise vec3 high = vec3(q, x.x, x.y) * x.z;
+        weights = Weights(vec4(low, high.x), vec4(high.yz, 0.0, 0.0));
+        // The third of the triangle's coordinates is off by as much as the other two together.
+        return verdict_of(certain, least, 2.0 * margin);
+    }
+    precise vec3 corner = p[0] - p[4];
+    precise vec3 b = p[3] - p[0];
+    precise vec3 bend = (p[2] - p[3]) - a;
+    float base = max(max(largest_of(corner), largest_of(a)), largest_of(b));
+    float distance = largest_of(p[4]) / base;
+    precise vec3 target = p[4] * (-1.0 / distance);
+    map.c = vec3[8](corner, a, b, bend, target, vec3(0.0), vec3(0.0), vec3(0.0));
+    map.bend = largest_of(bend);
+    float relative, shortest;
+    vec3 start = solve(
+        add_scaled(corner, -0.25, bend),
+        add_scaled(a, 0.5, bend),
+        add_scaled(b, 0.5, bend),
+        target,
+        relative,
+        shortest
+    );
+    float error = NEWTON_ROUNDING / (shortest * relative);
+    vec3 x = newton(kind, map, start, error, margin, certain);
+    precise vec2 r = x.yz / x.x;
+    precise vec2 q = 1.0 - r;
+    precise float height = x.x * distance;
+    precise float rest = 1.0 - height;
+    float least = min(min(min(r.x, r.y), min(q.x, q.y)), rest);
+    // Base coordinates are quotients: of numbers up to FAR, by one that is not small.
+    margin *= 4.0 / x.x;
+    certain = certain && x.x > 1.0 / 16.0 && distance > NEAR_APEX && abs(r.x) < 2.0
+        && abs(r.y) < 2.0 && height < 4.0;
+    precise vec4 low = (vec4(q.x, r.x, r.x, q.x) * vec4(q.y, q.y, r.y, r.y)) * height;
+    weights = Weights(low, vec4(rest, 0.0, 0.0, 0.0));
+    return verdict_of(certain, least, margin);
+}
+
+double exact_largest(dvec3 a) {
+    return max(max(abs(a.x), abs(a.y)), abs(a.z));
+}
+
+// The same operations in the same order as the scalar code, none of them contracted.
+dvec3 exact_sum(dvec3 a, double s, dvec3 b) {
+    precise dvec3 sum = a + s * b;
+    return sum;
+}
+
+dvec3 exact_cross(dvec3 a, dvec3 b) {
+    precise dvec3 found = a.yzx * b.zxy - a.zxy * b.yzx;
+    return found;
+}
+
+double exact_dot(dvec3 a, dvec3 b) {
+    precise double sum = a.x * b.x + a.y * b.y + a.z * b.z;
+    return sum;
+}
+
+bool exact_solve(dvec3 a, dvec3 b, dvec3 c, dvec3 right, out dvec3 x) {
+    dvec3 bc = exact_cross(b, c);
+    double determinant = exact_dot(a, bc);
+    precise dvec3 found = dvec3(
+        exact_dot(right, bc),
+        exact_dot(right, exact_cross(c, a)),
+        exact_dot(right, exact_cross(a, b))
+    ) / determinant;
+    x = found;
+    return exact_largest(x) < 1e308LF;
+}
+
+// Value and derivatives of a map, coefficients as in `Map`.
+void exact_map(
+    uint kind,
+    dvec3 c[8],
+    dvec3 x,
+    out dvec3 value,
+    out dvec3 dx,
+    out dvec3 dy,
+    out dvec3 dz
+) {
+    if (kind == HEXAHEDRON) {
+        dx = exact_sum(exact_sum(exact_sum(c[1], x.y, c[4]), x.z, c[6]), x.y * x.z, c[7]);
+        dy = exact_sum(exact_sum(exact_sum(c[2], x.z, c[5]), x.x, c[4]), x.x * x.z, c[7]);
+        dz = exact_sum(exact_sum(exact_sum(c[3], x.x, c[6]), x.y, c[5]), x.x * x.y, c[7]);
+        dvec3 plane =
+            exact_sum(exact_sum(exact_sum(c[0], x.y, c[2]), x.z, c[3]), x.y * x.z, c[5]);
+        value = exact_sum(plane, x.x, dx);
+    } else if (kind == WEDGE) {
+        dx = exact_sum(c[1], x.z, c[4]);
+        dy = exact_sum(c[2], x.z, c[5]);
+        dz = exact_sum(exact_sum(c[3], x.x, c[4]), x.y, c[5]);
+        value = exact_sum(exact_sum(exact_sum(c[0], x.z, c[3]), x.x, dx), x.y, dy);
+    } else {
+        precise double r = x.y / x.x;
+        precise double s = x.z / x.x;
+        precise dvec3 sum = x.x * c[0];
+        sum = exact_sum(exact_sum(sum, x.y, c[1]), x.z, c[2]);
+        sum = exact_sum(sum, x.y * s, c[3]);
+        precise dvec3 apart = sum - c[4];
+        value = apart;
+        dx = exact_sum(c[0], -r * s, c[3]);
+        dy = exact_sum(c[1], s, c[3]);
+        dz = exact_sum(c[2], r, c[3]);
+    }
+}
+
+// Newton's method from a start.
+bool exact_newton(uint kind, dvec3 c[8], dvec3 start, out dvec3 x) {
+    x = start;
+    for (int i = 0; i < EXACT_STEPS; ++i) {
+        dvec3 value, dx, dy, dz, step;
+        exact_map(kind, c, x, value, dx, dy, dz);
+        if (!exact_solve(dx, dy, dz, value, step)) return false;
+        precise dvec3 next = x - step;
+        x = next;
+        if (exact_largest(step) < EXACT_LAST_STEP) return true;
+        if (exact_largest(x) > EXACT_FAR) return false;
+    }
+    return false;
+}
+
+bool is_near(double x) {
+    return x >= -TOLERANCE && x <= 1.0LF + TOLERANCE;
+}
+
+// A number of starts of the scalar code.
+dvec3 start_of(uint kind, int k) {
+    int corner = k - 1;
+    if (kind == WEDGE) {
+        if (k == 0) return dvec3(1.0LF / 3.0LF, 1.0LF / 3.0LF, 0.5LF);
+        int of_triangle = corner % 3;
+        return dvec3(
+            of_triangle == 1 ? 0.8LF : 0.1LF,
+            of_triangle == 2 ? 0.8LF : 0.1LF,
+            corner < 3 ? 0.1LF : 0.9LF
+        );
+    }
+    // Of a pyramid, places of its base.
+    if (k == 0) return dvec3(0.5LF);
+    return dvec3(
+        (corner & 1) != 0 ? 0.9LF : 0.1LF,
+        (corner & 2) != 0 ? 0.9LF : 0.1LF,
+        (corner & 4) != 0 ? 0.9LF : 0.1LF
+    );
+}
+
+// Whether local coordinates are those of the element, and the weights of its corners then.
+bool exact_weights(uint kind, dvec3 x, double distance, out Weights weights) {
+    weights = Weights(vec4(0.0), vec4(0.0));
+    if (kind == WEDGE) {
+        precise double rest = 1.0LF - x.x - x.y;
+        bool is_inside = x.x >= -TOLERANCE && x.y >= -TOLERANCE && rest >= -TOLERANCE;
+        if (!(is_inside && is_near(x.z))) return false;
+        dvec3 base = max(dvec3(rest, x.xy), dvec3(0.0LF));
+        base /= base.x + base.y + base.z;
+        double t = clamp(x.z, 0.0LF, 1.0LF);
+        vec3 low = vec3(base * (1.0LF - t));
+        vec3 high = vec3(base * t);
+        weights = Weights(vec4(low, high.x), vec4(high.yz, 0.0, 0.0));
+        return true;
+    }
+    double w = 1.0LF;
+    if (kind == PYRAMID) {
+        precise dvec2 base = x.yz / x.x;
+        precise double height = x.x * distance;
+        w = height;
+        if (!(w >= 0.0LF)) return false;
+        x = dvec3(base, w);
+    }
+    if (!(is_near(x.x) && is_near(x.y) && is_near(x.z))) return false;
+    x = clamp(x, dvec3(0.0LF), dvec3(1.0LF));
+    dvec2 u = 1.0LF - x.xy;
+    dvec4 base = dvec4(u.x * u.y, x.x * u.y, x.x * x.y, u.x * x.y);
+    if (kind == PYRAMID) {
+        weights = Weights(vec4(base * x.z), vec4(1.0LF - x.z, 0.0, 0.0, 0.0));
+    } else {
+        weights = Weights(vec4(base * (1.0LF - x.z)), vec4(base * x.z));
+    }
+    return true;
+}
+
+// What `f64` says of a cell and a place.
+bool other_exactly(Submesh part, uint primitive, uint kind, vec3 at, out Weights weights) {
+    uint place = primitive >> 1;
+    uint last = num_corners(kind) - 1;
+    dvec3 from = dvec3(at);
+    dvec3 p[8];
+    for (uint k = 0; k < 8; ++k) {
+        p[k] = dvec3(vertex_at(part, other_vertex(part, place, min(k, last)))) - from;
+    }
+    dvec3 c[8];
+    dvec3 a = p[1] - p[0];
+    double distance = 1.0LF;
+    weights = Weights(vec4(0.0), vec4(1.0, 0.0, 0.0, 0.0));
+    if (kind == HEXAHEDRON) {
+        dvec3 b = p[3] - p[0];
+        precise dvec3 rs = p[2] - p[3] - a;
+        precise dvec3 st = p[7] - p[4] - b;
+        precise dvec3 tr = p[5] - p[4] - a;
+        precise dvec3 rst = (p[6] - p[7]) - (p[5] - p[4]) - rs;
+        c = dvec3[8](p[0], a, b, p[4] - p[0], rs, st, tr, rst);
+    } else if (kind == WEDGE) {
+        dvec3 b = p[2] - p[0];
+        precise dvec3 twist_r = p[4] - p[3] - a;
+        precise dvec3 twist_s = p[5] - p[3] - b;
+        c = dvec3[8](p[0], a, b, p[3] - p[0], twist_r, twist_s, p[0], p[0]);
+    } else {
+        dvec3 corner = p[0] - p[4];
+        dvec3 b = p[3] - p[0];
+        precise dvec3 bend = p[2] - p[3] - a;
+        dvec3 from_apex = -p[4];
+        double size = max(max(exact_largest(corner), exact_largest(a)), exact_largest(b));
+        precise double apart = exact_largest(from_apex) / size;
+        distance = apart;
+        if (distance == 0.0LF) {
+            dvec3 x;
+            return exact_solve(corner, a, b, from_apex, x);
+        }
+        precise dvec3 target = (1.0LF / distance) * from_apex;
+        c = dvec3[8](corner, a, b, bend, target, p[0], p[0], p[0]);
+    }
+    int starts = kind == HEXAHEDRON ? 9 : kind == WEDGE ? 7 : 5;
+    for (int k = 0; k < starts; ++k) {
+        dvec3 start = start_of(kind, k);
+        dvec3 x;
+        if (kind == PYRAMID) {
+            // A guess for u·v/w that is right at this place of the base.
+            dvec3 by_w = exact_sum(c[0], -start.x * start.y, c[3]);
+            dvec3 by_u = exact_sum(c[1], start.y, c[3]);
+            dvec3 by_v = exact_sum(c[2], start.x, c[3]);
+            if (!exact_solve(by_w, by_u, by_v, c[4], start)) continue;
+        }
+        if (!exact_newton(kind, c, start, x)) continue;
+        if (exact_weights(kind, x, distance, weights)) return true;
+        if (k == 0) return false;
+    }
+    return false;
+}
+
+// The corners of a cell that is no tetrahedron; past its own, the last one again.
+void other_corners(Submesh part, uint place, uint kind, out vec3 corners[8]) {
+    uint last = num_corners(kind) - 1;
+    for (uint k = 0; k < 8; ++k) {
+        corners[k] = vertex_at(part, other_vertex(part, place, min(k, last)));
+    }
+}
+
+// Whether a cell accepts a place, and the weights of its corners there.
+bool other_accepts(Submesh part, uint primitive, vec3 at, out uint kind, out Weights weights) {
+    uint place = primitive >> 1;
+    kind = kind_of_other(part, place);
+    vec3 corners[8];
+    other_corners(part, place, kind, corners);
+    vec3 lo = corners[0];
+    vec3 hi = corners[0];
+    for (int k = 1; k < 8; ++k) {
+        lo = min(lo, corners[k]);
+        hi = max(hi, corners[k]);
+    }
+    weights = Weights(vec4(0.0), vec4(0.0));
+    if (!in_box(at, lo, hi)) return false;
+    for (int k = 0; k < 8; ++k) {
+        precise vec3 apart = corners[k] - at;
+        corners[k] = apart;
+    }
+    uint verdict = other_verdict(kind, corners, weights);
+    if (verdict != IN_DOUBT) return verdict == INSIDE;
+    return other_exactly(part, primitive, kind, at, weights);
+}

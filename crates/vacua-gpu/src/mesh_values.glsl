@@ -1,0 +1,151 @@
+// Values and gradients in the cells of a mesh.
+
+// Values at the corners of a cell, and what comes of them: never outside their range, whatever the
+// rounding; differences to the first keep small signals on large offsets, and constants, exact.
+struct Mixture {
+    float first;
+    float lo;
+    float hi;
+    float sum;
+    bool is_valid;
+};
+
+Mixture mixture(float first) {
+    return Mixture(first, first, first, first, is_number(first));
+}
+
+void mix_in(inout Mixture m, float value, float weight) {
+    m.lo = min(m.lo, value);
+    m.hi = max(m.hi, value);
+    precise float sum = fma(weight, value - m.first, m.sum);
+    m.sum = sum;
+    m.is_valid = m.is_valid && is_number(value);
+}
+
+// The value in a tetrahedron that accepts a place; false if there is none.
+bool tet_value(Mesh mesh, Submesh part, uint primitive, vec3 place, out float value) {
+    uvec4 vertices;
+    vec3 corners[4];
+    tet_corners(part, primitive, vertices, corners);
+    vec4 weights = tet_weights(place, corners, mesh.slack.w);
+    Mixture m = mixture(stored_value(part, vertices.x));
+    mix_in(m, stored_value(part, vertices.y), weights.y);
+    mix_in(m, stored_value(part, vertices.z), weights.z);
+    mix_in(m, stored_value(part, vertices.w), weights.w);
+    value = clamp(m.sum, m.lo, m.hi);
+    return m.is_valid;
+}
+
+// The value in another cell, from the weights of its corners; false if there is none.
+bool other_value(Submesh part, uint primitive, uint kind, Weights weights, out float value) {
+    uint place = primitive >> 1;
+    Mixture m = mixture(stored_value(part, other_vertex(part, place, 0)));
+    uint corners = num_corners(kind);
+    for (uint k = 1; k < 8; ++k) {
+        if (k >= corners) break;
+        float weight = k < 4 ? weights.low[k] : weights.high[k - 4];
+        mix_in(m, stored_value(part, other_vertex(part, place, k)), weight);
+    }
+    value = clamp(m.sum, m.lo, m.hi);
+    return m.is_valid;
+}
+
+// The value in a cell that accepts a place; false if there is none.
+bool value_in_cell(
+    Mesh mesh,
+    Submesh part,
+    uint primitive,
+    uint node,
+    bool is_other,
+    vec3 place,
+    out float value
+) {
+    if (CELL_DATA) {
+        value = cell_value(part, node, primitive);
+        return is_number(value);
+    }
+    if (!HAS_OTHERS || (HAS_TETS && !is_other)) return tet_value(mesh, part, primitive, place, value);
+    uint kind;
+    Weights weights;
+    other_accepts(part, primitive, place, kind, weights);
+    return other_value(part, primitive, kind, weights, value);
+}
+
+// How the weight of a corner changes with each local coordinate, from the weights of all.
+vec3 slope_of(uint kind, uint k, Weights w) {
+    if (kind == TETRAHEDRON) {
+        return k == 0 ? vec3(-1.0) : vec3(k == 1, k == 2, k == 3);
+    }
+    if (kind == WEDGE) {
+        float t = (w.low.w + w.high.x) + w.high.y;
+        float r = w.low.y + w.high.x;
+        float s = w.low.z + w.high.y;
+        bool up = k >= 3;
+        uint of_triangle = up ? k - 3 : k;
+        float along = up ? t : 1.0 - t;
+        float side = up ? 1.0 : -1.0;
+        if (of_triangle == 0) return vec3(-along, -along, side * (1.0 - r - s));
+        return of_triangle == 1 ? vec3(along, 0.0, side * r) : vec3(0.0, along, side * s);
+    }
+    bool in_r = (k & 3u) == 1 || (k & 3u) == 2;
+    bool in_s = (k & 2u) != 0;
+    float dr = in_r ? 1.0 : -1.0;
+    float ds = in_s ? 1.0 : -1.0;
+    if (kind == PYRAMID) {
+        // By r and s per unit of height, by which the columns are then scaled alike.
+        float height = max((w.low.x + w.low.y) + (w.low.z + w.low.w), 1.17549435e-38);
+        float r = (w.low.y + w.low.z) / height;
+        float s = (w.low.z + w.low.w) / height;
+        if (k == 4) return vec3(0.0, 0.0, 1.0);
+        float in_x = in_r ? r : 1.0 - r;
+        float in_y = in_s ? s : 1.0 - s;
+        return vec3(dr * in_y, ds * in_x, -in_x * in_y);
+    }
+    float r = (w.low.y + w.low.z) + (w.high.y + w.high.z);
+    float s = (w.low.z + w.low.w) + (w.high.z + w.high.w);
+    float t = (w.high.x + w.high.y) + (w.high.z + w.high.w);
+    float in_x = in_r ? r : 1.0 - r;
+    float in_y = in_s ? s : 1.0 - s;
+    bool in_t = k >= 4;
+    float in_z = in_t ? t : 1.0 - t;
+    return vec3(dr * in_y * in_z, ds * in_x * in_z, (in_t ? 1.0 : -1.0) * in_x * in_y);
+}
+
+// The gradient in the mesh's own space, in a cell that accepts a place; 0 where its map is singular.
+vec3 gradient_in_cell(Mesh mesh, Submesh part, uint primitive, bool is_other, vec3 place) {
+    if (CELL_DATA) return vec3(0.0);
+    uint kind = TETRAHEDRON;
+    Weights weights = Weights(vec4(0.0), vec4(0.0));
+    uvec4 vertices = uvec4(0);
+    is_other = HAS_OTHERS && (!HAS_TETS || is_other);
+    if (is_other) {
+        other_accepts(part, primitive, place, kind, weights);
+        vertices.x = other_vertex(part, primitive >> 1, 0);
+    } else {
+        vertices = tet_vertices(part, primitive);
+    }
+    vec3 first = vertex_at(part, vertices.x);
+    float first_value = stored_value(part, vertices.x);
+    vec3 a = vec3(0.0);
+    vec3 b = vec3(0.0);
+    vec3 c = vec3(0.0);
+    vec3 by = vec3(0.0);
+    uint corners = num_corners(kind);
+    float scale = mesh.slack.w;
+    for (uint k = 1; k < corners; ++k) {
+        // Differences to the first corner: the slopes of all corners are 0 in sum.
+        uint vertex = is_other ? other_vertex(part, primitive >> 1, k) : vertices[k];
+        vec3 slope = slope_of(kind, k, weights);
+        vec3 apart = (vertex_at(part, vertex) - first) * scale;
+        float value = stored_value(part, vertex) - first_value;
+        by += slope * value;
+        a += slope.x * apart;
+        b += slope.y * apart;
+        c += slope.z * apart;
+    }
+    vec3 bc = cross_of(b, c);
+    vec3 sum = by.x * bc + by.y * cross_of(c, a) + by.z * cross_of(a, b);
+    vec3 gradient = sum * (scale / dot_of(a, bc));
+    bool is_finite = is_number(gradient.x) && is_number(gradient.y) && is_number(gradient.z);
+    return is_finite ? gradient : vec3(0.0);
+}

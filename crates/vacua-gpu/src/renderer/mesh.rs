@@ -1,0 +1,341 @@
+//! Pictures of packed meshes: the same stages as for grids, but ranges of macrocells come from the
+//! host, which has them from the leaves' own.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use vacua_render::SceneData;
+use vacua_render::contract::PackedCells;
+use vacua_volume::{Association, ValueScale};
+
+use super::pipelines::Special;
+use super::{GpuRenderer, Tables};
+use crate::error::GpuError;
+use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
+use crate::shaders;
+use crate::shared::{Parameters, Push, constant, words};
+use crate::vulkan::{
+    Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder,
+};
+
+/// A shader over a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum MeshShader {
+    Check,
+    March,
+    Sample,
+}
+
+/// Pipelines of meshes so far.
+#[derive(Default)]
+pub(super) struct MeshPipelines(HashMap<(MeshShader, Vec<Constant>), Arc<ComputePipeline>>);
+
+impl MeshPipelines {
+    fn get(
+        &mut self,
+        layout: &Layout,
+        shader: MeshShader,
+        constants: Vec<Constant>,
+    ) -> Result<Arc<ComputePipeline>, GpuError> {
+        let key = (shader, constants);
+        if let Some(found) = self.0.get(&key) {
+            return Ok(found.clone());
+        }
+        let spirv = match shader {
+            MeshShader::Check => shaders::PACKED_CHECK,
+            MeshShader::March => shaders::PACKED_MARCH,
+            MeshShader::Sample => shaders::PACKED_SAMPLE,
+        };
+        let spirv = words(spirv).unwrap_or_default();
+        let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
+        self.0.insert(key, pipeline.clone());
+        Ok(pipeline)
+    }
+}
+
+/// How a device's subgroups search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Subgroups {
+    /// Lanes of one.
+    lanes: u32,
+    /// Of a workgroup.
+    count: u32,
+    /// Whether lanes search together, which takes eight of them.
+    together: bool,
+}
+
+impl Subgroups {
+    /// Least lanes that search together: the children of a node.
+    const LEAST: u32 = 8;
+
+    fn new(lanes: u32, kind: DeviceKind, together: bool) -> Self {
+        // As many as have room in the 32 KiB of shared memory that every device should have. Mesa's
+        // lavapipe has all subgroups of a workgroup wait where one does.
+        let count = match (kind, lanes) {
+            (DeviceKind::Cpu, _) => 1,
+            (_, 0..=8) => 4,
+            (_, 9..=32) => 2,
+            _ => 1,
+        };
+        Self {
+            lanes,
+            count,
+            together: together && lanes >= Self::LEAST,
+        }
+    }
+
+    fn constants(self) -> [Constant; 4] {
+        use mesh_constant::*;
+        let constant = |id, bits| Constant { id, bits };
+        [
+            constant(TOGETHER, u32::from(self.together)),
+            constant(LANES, self.lanes),
+            constant(SUBGROUPS, self.count),
+            constant(INVOCATIONS, self.lanes * self.count),
+        ]
+    }
+
+    /// Workgroups of the march: tiles about as wide as high, one below the other.
+    pub(super) fn tiles(self, width: u32, height: u32) -> [u32; 3] {
+        let columns = 1 << self.lanes.ilog2().div_ceil(2);
+        let rows = self.lanes / columns * self.count;
+        [width.div_ceil(columns), height.div_ceil(rows), 1]
+    }
+}
+
+/// What was found at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshSample {
+    /// The cell: sub-mesh, and primitive there (see `vacua_pack::PackedCell::index`).
+    pub cell: Option<(u32, u32)>,
+    /// The rendered value, if there is one.
+    pub value: Option<f32>,
+}
+
+impl GpuRenderer {
+    /// Seconds to bring the last scene's mesh to the device, its check included; 0 if it was none.
+    pub fn mesh_send_secs(&self) -> f64 {
+        self.mesh.as_ref().map_or(0.0, |m| m.send_secs)
+    }
+
+    /// Bytes of the sections of a file with the last scene's mesh and field; `None` if it was none.
+    pub fn mesh_file_bytes(&self) -> Option<u64> {
+        let cells = &self.mesh.as_ref()?.cells;
+        let field = cells.field().bytes();
+        let of_field = field.values + field.ranges + field.cells_before;
+        Some((cells.mesh().bytes().total() + of_field) as u64)
+    }
+
+    /// The box around the last scene's mesh, relative to its origin; `None` if it was none.
+    pub fn mesh_box(&self) -> Option<[[f32; 3]; 2]> {
+        let headers = self.mesh.as_ref()?.cells.mesh().submeshes();
+        let first = headers.first()?;
+        Some(headers.iter().fold([first.lo, first.hi], |[lo, hi], h| {
+            [
+                [0, 1, 2].map(|a| lo[a].min(h.lo[a])),
+                [0, 1, 2].map(|a| hi[a].max(h.hi[a])),
+            ]
+        }))
+    }
+
+    /// Bytes of the mesh on the device, part by part; `None` if the last scene was none.
+    pub fn mesh_bytes(&self) -> Option<MeshBytes> {
+        self.mesh.as_ref().map(|m| m.bytes)
+    }
+
+    /// Chooses whether the rays of a subgroup search a mesh together, as they do unless told
+    /// otherwise, or each on its own; pictures do not depend on it.
+    pub fn set_together(&mut self, together: bool) {
+        self.options.together = together;
+    }
+
+    fn subgroups(&self) -> Result<Subgroups, GpuError> {
+        match self.device.info().subgroup_lanes {
+            Some(lanes) => {
+                let kind = self.device.info().kind;
+                Ok(Subgroups::new(lanes, kind, self.options.together))
+            }
+            None => Err(GpuError::Unsupported {
+                what: "a mesh (no ballots among lanes)".to_owned(),
+                device: self.device.name().to_owned(),
+            }),
+        }
+    }
+
+    /// Sends a scene's mesh to the device.
+    pub(super) fn upload_mesh(
+        &mut self,
+        data: &SceneData,
+        scale: ValueScale,
+        cells: PackedCells,
+    ) -> Result<(), GpuError> {
+        self.subgroups()?;
+        let start = Instant::now();
+        let advised = self.device.info().max_allocation_bytes.max(1 << 28);
+        let limit = self.options.max_buffer_bytes.unwrap_or(u64::MAX);
+        let mut mesh = DeviceMesh::new(
+            &self.device,
+            &mut self.commands,
+            &self.layout,
+            data.clone(),
+            scale,
+            cells,
+            limit.min(advised),
+        )?;
+        self.layout.bind_parameters(&self.tables.parameters);
+        self.check_mesh(&mesh)?;
+        mesh.send_secs = start.elapsed().as_secs_f64();
+        self.mesh = Some(mesh);
+        Ok(())
+    }
+
+    /// Has the device look whether a mesh stays within itself.
+    fn check_mesh(&mut self, mesh: &DeviceMesh) -> Result<(), GpuError> {
+        const MOST_PARTS: usize = 1 << 15;
+        const GROUPS: u32 = 64;
+        let inner = vec![Constant {
+            id: mesh_constant::INNER_NODES,
+            bits: 1,
+        }];
+        let pipeline = self
+            .mesh_pipelines
+            .get(&self.layout, MeshShader::Check, inner)?;
+        let push = Push {
+            planes: mesh.header.address(),
+            ..Push::default()
+        };
+        let parts = mesh.cells.mesh().submeshes().len().clamp(1, MOST_PARTS) as u32;
+        let tables = &self.tables;
+        self.commands.run(&self.layout, |recorder| {
+            recorder.stage("check", |r| {
+                r.dispatch(&pipeline, &push, [GROUPS, parts, 1])
+            });
+            recorder.copy(
+                &mesh.header,
+                &tables.mesh_header,
+                0,
+                size_of::<MeshHeader>() as u64,
+            );
+            recorder.barrier();
+            Ok(())
+        })?;
+        if self.tables.header().damage != 0 {
+            return Err(GpuError::DamagedMesh);
+        }
+        Ok(())
+    }
+
+    /// Values at places of the mesh of the last scene, relative to its origin; for tests.
+    ///
+    /// # Errors
+    /// What the driver says.
+    pub fn sample_mesh(&mut self, places: &[[f32; 3]]) -> Result<Vec<MeshSample>, GpuError> {
+        let subgroups = self.subgroups()?;
+        let Some(mesh) = &self.mesh else {
+            return Ok(Vec::new());
+        };
+        let device = &self.device;
+        let quads: Vec<[f32; 4]> = places.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
+        let size = size_of_val(quads.as_slice()) as u64;
+        let mut from = Buffer::new(device, "places", size, Place::Upload)?;
+        let bytes: &[u8] = bytemuck::cast_slice(&quads);
+        from.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        let to = Buffer::new(device, "samples", size, Place::Device)?;
+        let back = Buffer::new(device, "samples", size, Place::Download)?;
+        let mut parameters = Parameters::default();
+        parameters.picture[0] = places.len() as u32;
+        let constants = constants(mesh, subgroups);
+        let pipeline = self
+            .mesh_pipelines
+            .get(&self.layout, MeshShader::Sample, constants)?;
+        let push = Push {
+            planes: mesh.header.address(),
+            clips: from.address(),
+            rgba: to.address(),
+            ..Push::default()
+        };
+        let tables = &self.tables;
+        self.timings = self.commands.run(&self.layout, |recorder| {
+            recorder.stage("tables", |r| {
+                r.write(&tables.parameters, bytemuck::bytes_of(&parameters));
+            });
+            let invocations = subgroups.lanes * subgroups.count;
+            let groups = (places.len() as u32).div_ceil(invocations);
+            recorder.stage("sample", |r| r.dispatch(&pipeline, &push, [groups, 1, 1]));
+            recorder.copy(&to, &back, 0, size);
+            recorder.barrier();
+            Ok(())
+        })?;
+        let found: &[[u32; 4]] = bytemuck::cast_slice(&back.bytes()[..bytes.len()]);
+        let samples = found
+            .iter()
+            .map(|&[value, valid, part, primitive]| MeshSample {
+                cell: (primitive != u32::MAX).then_some((part, primitive)),
+                value: (valid != 0).then_some(f32::from_bits(value)),
+            });
+        Ok(samples.collect())
+    }
+
+    /// The pipeline that makes pictures of the mesh, and how its subgroups search.
+    pub(super) fn mesh_marcher(
+        &mut self,
+        special: Special,
+    ) -> Result<(Arc<ComputePipeline>, Subgroups), GpuError> {
+        let subgroups = self.subgroups()?;
+        let Some(mesh) = &self.mesh else {
+            return Err(self.unsupported("no mesh"));
+        };
+        let mut constants = constants(mesh, subgroups);
+        let of_settings = [
+            constant::SKIPPING,
+            constant::LOG_SCALE,
+            constant::SHADED,
+            constant::MAXIMUM,
+        ];
+        constants.extend(of_settings.map(|id| Constant {
+            id,
+            bits: special[id as usize],
+        }));
+        let pipeline = self
+            .mesh_pipelines
+            .get(&self.layout, MeshShader::March, constants)?;
+        Ok((pipeline, subgroups))
+    }
+}
+
+impl DeviceMesh {
+    /// Has the header sent to the host, as shaders left it.
+    pub(super) fn send_header(&self, recorder: &Recorder<'_>, tables: &Tables) {
+        let size = size_of::<MeshHeader>() as u64;
+        recorder.copy(&self.header, &tables.mesh_header, 0, size);
+    }
+}
+
+impl Tables {
+    /// The mesh's header as shaders left it.
+    pub(super) fn header(&self) -> MeshHeader {
+        bytemuck::pod_read_unaligned(&self.mesh_header.bytes()[..size_of::<MeshHeader>()])
+    }
+}
+
+/// What all shaders over a mesh are specialised for.
+fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant> {
+    let is_cell_data = mesh.cells.field().association() == Association::Cell;
+    let constant = |id, bits| Constant { id, bits };
+    let [tets, others @ ..] = mesh.cells.mesh().num_cells_by_type();
+    let has_others = others.iter().any(|&n| n > 0);
+    let mut all = vec![
+        constant(mesh_constant::HAS_TETS, u32::from(tets > 0)),
+        constant(mesh_constant::HAS_OTHERS, u32::from(has_others)),
+        constant(mesh_constant::VALUE_TYPE, mesh.value_type as u32),
+        constant(mesh_constant::INNER_NODES, 1),
+        constant(
+            mesh_constant::VARYING,
+            u32::from(mesh.cells.minima().is_some()),
+        ),
+        constant(constant::CELL_DATA, u32::from(is_cell_data)),
+    ];
+    all.extend(subgroups.constants());
+    all
+}
