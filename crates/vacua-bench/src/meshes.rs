@@ -55,6 +55,20 @@ impl MeshSize {
         self.cells.unwrap_or(scaled).max(2)
     }
 
+    /// What it is, for people.
+    pub(crate) fn text(&self) -> String {
+        let size = match self.cells {
+            Some(cells) => format!("about {cells} cells a side"),
+            None => format!("{} of their sizes a side", self.scale),
+        };
+        let order = if self.shuffled {
+            "points and cells shuffled"
+        } else {
+            "points and cells in order"
+        };
+        format!("{size}, {order}")
+    }
+
     /// Makes a mesh with a field, if memory suffices.
     ///
     /// # Errors

@@ -10,13 +10,8 @@ pub(super) fn all(results: &EncodeResults) -> String {
     let mut text = String::from("# Tables 1, 2, 3 and 5 of paper B\n\n");
     text += &results.machine.markdown();
     text += &format!(
-        "\nMeshes at {} of their sizes a side{}, medians of {}. Bytes a cell; the paper's in brackets, of the model named.\n",
-        options.size.scale,
-        if options.size.shuffled {
-            ", points and cells shuffled"
-        } else {
-            ""
-        },
+        "\nMeshes: {}; medians of {}. Bytes a cell; the paper's in brackets, of the model named.\n",
+        options.size.text(),
         options.repeats,
     );
     text += &table_3(&results.models);

@@ -10,13 +10,8 @@ pub(super) fn all(results: &SampleResults) -> String {
     let mut text = String::from("# Sampling meshes: targets, and Tables 4 and 6 of paper B\n\n");
     text += &results.machine.markdown();
     text += &format!(
-        "\nMeshes at {} of their sizes a side{}; rays and pictures of {}² pixels, samples half a cell apart; {} random places; medians of {}, all taking turns.\n",
-        options.size.scale,
-        if options.size.shuffled {
-            ", points and cells shuffled"
-        } else {
-            ""
-        },
+        "\nMeshes: {}; rays and pictures of {}² pixels, samples half a cell apart; {} random places; medians of {}, all taking turns.\n",
+        options.size.text(),
         options.pixels,
         count(options.places as u64),
         options.repeats,

@@ -163,8 +163,14 @@ fn measured(model: Scene, options: &SampleOptions) -> Result<SceneResult, BenchE
         let (lo, hi) = relative(&stage.bounds, packed);
         let work = match order {
             Order::Rays => Work::Rays(rays.every(EVERY_TILE)),
-            Order::Random => Work::Blocks(orders::places(lo, hi, options.places, false)),
-            Order::Morton => Work::Blocks(orders::places(lo, hi, options.places, true)),
+            Order::Random => Work::Blocks(
+                orders::places(lo, hi, options.places, false),
+                vacua_pack::Order::Scattered,
+            ),
+            Order::Morton => Work::Blocks(
+                orders::places(lo, hi, options.places, true),
+                vacua_pack::Order::Compact,
+            ),
         };
         let rates = orders::rates(&all, &work, options.repeats);
         for (&place, (samples_per_sec, samples_per_core_sec)) in there.iter().zip(rates) {

@@ -47,8 +47,8 @@ const MORTON_BITS: u32 = 16;
 pub(super) enum Work {
     /// Rays of a picture.
     Rays(Rays),
-    /// Sixteen places at a time.
-    Blocks(Vec<Places>),
+    /// Sixteen places at a time, which lie close together or anywhere.
+    Blocks(Vec<Places>, vacua_pack::Order),
 }
 
 impl Work {
@@ -56,14 +56,14 @@ impl Work {
     pub fn num_samples(&self) -> usize {
         match self {
             Self::Rays(rays) => rays.num_samples(),
-            Self::Blocks(blocks) => blocks.len() * LANES,
+            Self::Blocks(blocks, _) => blocks.len() * LANES,
         }
     }
 
     fn num_chunks(&self) -> usize {
         match self {
             Self::Rays(rays) => rays.tiles.len(),
-            Self::Blocks(blocks) => blocks.len().div_ceil(CHUNK),
+            Self::Blocks(blocks, _) => blocks.len().div_ceil(CHUNK),
         }
     }
 
@@ -77,9 +77,9 @@ impl Work {
                 }
                 values.iter().filter(|v| !v.is_nan()).sum()
             }
-            Self::Blocks(blocks) => {
+            Self::Blocks(blocks, order) => {
                 let chunk = blocks.chunks(CHUNK).nth(chunk);
-                chunk.map_or(0.0, |blocks| peer.sum(blocks))
+                chunk.map_or(0.0, |blocks| peer.sum(blocks, *order))
             }
         }
     }

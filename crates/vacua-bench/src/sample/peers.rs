@@ -4,7 +4,7 @@ use vacua_pack::reference::{
     Cells, LinkedBvh, MinMaxBvh, Places, Reference, ReferenceError, SharedFaces, TetMarch,
     UserGeometry,
 };
-use vacua_pack::{BlockSampler, PackedField, PackedMesh};
+use vacua_pack::{BlockSampler, Order, PackedField, PackedMesh, Sampled};
 use vacua_simd::LANES;
 
 use super::picture::{TILE, TILE_RAYS, Tile};
@@ -24,11 +24,13 @@ impl<'a> Peer<'a> {
     }
 
     /// The sum of the values at places, sixteen at a time.
-    pub fn sum(&self, blocks: &[Places]) -> f32 {
+    pub fn sum(&self, blocks: &[Places], order: Order) -> f32 {
         match self {
             Self::Packed(sampler) => {
-                let values = |at| sampler.sample(at, u16::MAX).values.iter().sum::<f32>();
-                blocks.iter().map(values).sum()
+                let lanes = vec![u16::MAX; blocks.len()];
+                let mut sampled = vec![Sampled::default(); blocks.len()];
+                sampler.sample_all(order, blocks, &lanes, &mut sampled);
+                sampled.iter().flat_map(|s| s.values).sum()
             }
             Self::Reference(reference) => {
                 let values = |at| {
@@ -62,10 +64,11 @@ impl<'a> Peer<'a> {
     }
 }
 
-/// Samples of a ray in a packet.
-const IN_PACKET: usize = 4;
+/// Samples of a ray in a vector.
+const IN_VECTOR: usize = 4;
 
-/// The rays of a tile through the packed form: four samples of 2 × 2 rays together, which lie closest.
+/// The rays of a tile through the packed form, sixteen consecutive samples of all of them together: a
+/// vector holds four samples of 2 × 2 rays, which lie closest.
 fn packed_tile(sampler: &BlockSampler, tile: &Tile, values: &mut [f32]) {
     // Where the values of each ray begin.
     let mut places = [0; TILE_RAYS];
@@ -76,31 +79,36 @@ fn packed_tile(sampler: &BlockSampler, tile: &Tile, values: &mut [f32]) {
     }
     let after = |i: usize| tile.rays[i].first + tile.counts[i];
     let last = (0..TILE_RAYS).map(after).max().unwrap_or(0);
-    for k in (0..last).step_by(IN_PACKET) {
-        for group in 0..TILE_RAYS / IN_PACKET {
+    let mut at = [[[0.0; LANES]; 3]; TILE_RAYS];
+    let mut lanes = [0; TILE_RAYS];
+    let mut sampled = [Sampled::default(); TILE_RAYS];
+    for first in (0..last).step_by(LANES) {
+        let sample_of = |vector: usize, lane: usize| {
+            let (group, quarter) = (vector / IN_VECTOR, vector % IN_VECTOR);
             let half = TILE / 2;
             let corner = group % half * 2 + group / half * 2 * TILE;
-            let rays = [corner, corner + 1, corner + TILE, corner + TILE + 1];
-            let mut at = [[0.0; LANES]; 3];
-            let mut lanes = 0;
+            let ray = corner + [0, 1, TILE, TILE + 1][lane / IN_VECTOR];
+            (ray, first + (quarter * IN_VECTOR + lane % IN_VECTOR) as u32)
+        };
+        for vector in 0..TILE_RAYS {
+            lanes[vector] = 0;
             for lane in 0..LANES {
-                let (ray, k) = (rays[lane / IN_PACKET], k + (lane % IN_PACKET) as u32);
+                let (ray, k) = sample_of(vector, lane);
                 let is_there = k >= tile.rays[ray].first && k < after(ray);
-                lanes |= u16::from(is_there) << lane;
+                lanes[vector] |= u16::from(is_there) << lane;
                 let place = tile.rays[ray].at(k);
-                (0..3).for_each(|axis| at[axis][lane] = place[axis]);
+                (0..3).for_each(|axis| at[vector][axis][lane] = place[axis]);
             }
-            if lanes == 0 {
-                continue;
-            }
-            let sampled = sampler.sample(&at, lanes);
-            let mut left = sampled.valid & lanes;
+        }
+        sampler.sample_all(Order::Compact, &at, &lanes, &mut sampled);
+        for vector in 0..TILE_RAYS {
+            let mut left = sampled[vector].valid & lanes[vector];
             while left != 0 {
                 let lane = left.trailing_zeros() as usize;
                 left &= left - 1;
-                let ray = rays[lane / IN_PACKET];
-                let k = k + (lane % IN_PACKET) as u32 - tile.rays[ray].first;
-                values[places[ray] + k as usize] = sampled.values[lane];
+                let (ray, k) = sample_of(vector, lane);
+                let k = k - tile.rays[ray].first;
+                values[places[ray] + k as usize] = sampled[vector].values[lane];
             }
         }
     }
