@@ -96,7 +96,7 @@ fn the_file_is_the_same_whatever_is_in_memory() {
         mask.blank(3);
         let mesh = soup.mesh().with_blanked_cells(mask).expect("fits");
         let fields = fields_of(&mesh, 1);
-        for variant in [Variant::MultiLeaves, Variant::MultiNodes] {
+        for variant in [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small] {
             for bits in [8, 9, 16] {
                 let mut options = options(variant, bits);
                 let expected = written(&mesh, &fields, options);

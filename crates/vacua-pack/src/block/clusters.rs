@@ -99,8 +99,8 @@ impl BlockSampler<'_> {
             }
             if num_others > 0 {
                 part.counts = found.counts & !COUNTS_OF_TETS;
-                part.first_index += found.num_tets;
-                part.cells_before += found.num_tets;
+                part.first_index = part.first_index.saturating_add(found.num_tets);
+                part.cells_before = part.first_index;
                 let first = first + num_tets;
                 let cells = cluster.cells.get(first..first + num_others);
                 others.add_cells(cells.unwrap_or(&[]), &part);
