@@ -173,12 +173,25 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let side = n as f32;
     let orders = [
         ("rays", Order::Compact, ray_samples(side)),
-        ("Morton", Order::Compact, random_samples(side, 100_000, true)),
-        ("random", Order::Scattered, random_samples(side, 20_000, false)),
+        (
+            "Morton",
+            Order::Compact,
+            random_samples(side, 100_000, true),
+        ),
+        (
+            "random",
+            Order::Scattered,
+            random_samples(side, 20_000, false),
+        ),
     ];
     for (name, order, samples) in orders {
         // The best of several runs, chunk by chunk: what a core does that is left alone.
-        let chunks = || samples.at.par_chunks(CHUNK).zip(samples.lanes.par_chunks(CHUNK));
+        let chunks = || {
+            samples
+                .at
+                .par_chunks(CHUNK)
+                .zip(samples.lanes.par_chunks(CHUNK))
+        };
         let mut best = vec![f64::INFINITY; chunks().len()];
         let mut fastest = f64::INFINITY;
         let (mut sum, mut found) = (0.0, 0);
@@ -204,7 +217,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             fastest = fastest.min(start.elapsed().as_secs_f64());
         }
         let core_secs: f64 = best.iter().sum();
-        let count: u64 = samples.lanes.iter().map(|l| u64::from(l.count_ones())).sum();
+        let count: u64 = samples
+            .lanes
+            .iter()
+            .map(|l| u64::from(l.count_ones()))
+            .sum();
         println!(
             "{name}: {:.2} Msamples/s, {:.2} a core left alone ({count} samples, {found} inside, mean {:.4})",
             count as f64 / fastest * 1e-6,

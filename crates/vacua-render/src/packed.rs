@@ -380,8 +380,7 @@ impl Sampler for PackedSampler<'_> {
                 valid |= (sampled.valid >> from & 0xF) << to;
                 place.found |= (located.found >> from & 0xF) << to;
                 place.others |= (located.others >> from & 0xF) << to;
-                place.submesh[to..][..QUARTER]
-                    .copy_from_slice(&located.submesh[from..][..QUARTER]);
+                place.submesh[to..][..QUARTER].copy_from_slice(&located.submesh[from..][..QUARTER]);
                 place.primitive[to..][..QUARTER]
                     .copy_from_slice(&located.primitive[from..][..QUARTER]);
             }

@@ -30,8 +30,7 @@ pub(crate) trait Sampler: Sync {
         group: &mut Group<S, Self::Place>,
     ) {
         for (n, (_, at)) in places.iter().enumerate() {
-            (group.value[n], group.seen[n], group.place[n]) =
-                self.sample::<S>(*at, group.lanes[n]);
+            (group.value[n], group.seen[n], group.place[n]) = self.sample::<S>(*at, group.lanes[n]);
         }
     }
 

@@ -115,7 +115,9 @@ pub(super) fn newton<S: Simd>(
         // Comparisons with what is not a number fail.
         let close = error.lt(S::F::splat(LOST)) & largest(x).lt(S::F::splat(FAR));
         certain = certain & (close | !under_way);
-        margin = (growth * size).mul_add(size, error).select(under_way, margin);
+        margin = (growth * size)
+            .mul_add(size, error)
+            .select(under_way, margin);
         let settled = size.lt(S::F::splat(LAST_STEP)) & margin.lt(S::F::splat(LOST));
         under_way = under_way & certain & !settled;
         if !under_way.any() {

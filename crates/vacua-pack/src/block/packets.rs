@@ -32,6 +32,8 @@ pub(super) struct Packets<'a> {
     pub at: &'a [Places],
     /// Those still looked for, lane by lane.
     pub live: [u16; PACKETS],
+    /// Where the first of a packet's lanes goes among all lanes that are asked for.
+    pub home: [u32; PACKETS],
     /// In sixteenths of a step of the grid of the sub-mesh at hand.
     grid: [[[f32; LANES]; 3]; PACKETS],
     /// The lowest primitive of the sub-mesh at hand that accepts each; [`NOT_FOUND`] if none has.
@@ -93,10 +95,11 @@ pub(super) fn store<S: Simd>(values: S::F, to: &mut [f32], from: usize) {
 
 impl<'a> Packets<'a> {
     /// Packets of which some lanes are looked for.
-    pub fn new(at: &'a [Places]) -> Self {
+    pub fn new(at: &'a [Places], live: [u16; PACKETS], home: [u32; PACKETS]) -> Self {
         Self {
             at,
-            live: [0; PACKETS],
+            live,
+            home,
             grid: [[[0.0; LANES]; 3]; PACKETS],
             primitive: [NOT_FOUND; PLACES],
             value: [0.0; PLACES],
@@ -155,8 +158,7 @@ impl<'a> Packets<'a> {
             per_axis!(a => S::F::splat(leaf.hi[a])),
         );
         let (first, scale) = (S::I::splat(first), S::F::splat(scale));
-        let lane_numbers =
-            S::I::from_array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+        let lane_numbers = S::I::from_array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
         let mut len = 0;
         for packet in bits(leaf.packets) {
             let grid = &self.grid[packet];
@@ -177,7 +179,11 @@ impl<'a> Packets<'a> {
             }
             let numbers = lane_numbers + S::I::splat((packet * LANES) as i32);
             let numbers = S::f_from_bits(numbers).compress(kept).to_bits().to_array();
-            if let Some(sixteen) = found.number.get_mut(len..).and_then(|r| r.first_chunk_mut()) {
+            if let Some(sixteen) = found
+                .number
+                .get_mut(len..)
+                .and_then(|r| r.first_chunk_mut())
+            {
                 *sixteen = as_unsigned(numbers);
             }
             len += lanes.count_ones() as usize;

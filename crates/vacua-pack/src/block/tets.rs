@@ -374,7 +374,13 @@ impl TetBatch {
             if planes.flat >> slot & 1 == 1 {
                 let mut values = here.to_array();
                 self.interpolate_flat(
-                    submesh, slot, accepted, place, packets, in_leaf, &mut values,
+                    submesh,
+                    slot,
+                    accepted,
+                    place,
+                    packets,
+                    in_leaf,
+                    &mut values,
                 );
                 here = S::F::from_array(values);
             }
@@ -436,8 +442,7 @@ impl TetBatch {
             let v = (v * inverse).max(zero).min(one);
             let w = (w * inverse).max(zero).min(one);
             let more = &planes.more;
-            let mut values =
-                u.mul_add(load::<S>(&more[0], from), load::<S>(&planes.first, from));
+            let mut values = u.mul_add(load::<S>(&more[0], from), load::<S>(&planes.first, from));
             values = v.mul_add(load::<S>(&more[1], from), values);
             values = w.mul_add(load::<S>(&more[2], from), values);
             values = values.max(load::<S>(&planes.least, from));
@@ -453,9 +458,7 @@ impl TetBatch {
                 }
                 let mut value = [values[lane]; LANES];
                 if planes.flat >> slot & 1 == 1 {
-                    self.interpolate_flat(
-                        submesh, slot, 1, place, packets, in_leaf, &mut value,
-                    );
+                    self.interpolate_flat(submesh, slot, 1, place, packets, in_leaf, &mut value);
                 }
                 packets.note(number, self.primitive[slot], value[0]);
                 if packets.is_mixed {
