@@ -7,7 +7,7 @@ use common::{CUTS, Cut, Random, Soup, lattice};
 use proptest::prelude::*;
 use vacua_pack::{
     BlockSampler, EncodeOptions, Encoded, Order, PackedField, Places, Sampled, Variant, encode,
-    interpolate, weights_at,
+    gradient_at, interpolate, weights_at,
 };
 use vacua_simd::{LANES, Level};
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
@@ -326,6 +326,108 @@ proptest! {
             }
             // Values of cells that fold over themselves are compared loosely; the cells are not.
             check(&encoded, &field, &at, u16::MAX, num_points as f64);
+        }
+    }
+}
+
+/// Many vectors in either order give what each place gives alone, to the bit, whatever the others are:
+/// in jittered lattices, in overlapping cells, on shared faces, edges and corners.
+#[test]
+fn many_places_are_sampled_as_each_alone() {
+    for cut in CUTS {
+        for (variant, doubled) in [(Variant::MultiLeaves, true), (Variant::MultiNodes, false)] {
+            let mut random = Random(31);
+            let mut soup = lattice(6, cut, 0.2, 17);
+            if doubled {
+                // The same again, a little aside: cells overlap, faces do not match.
+                let again = lattice(5, Cut::Mixed, 0.1, 3).placed(1.1, [0.4; 3]);
+                let first = soup.points.len() as u64;
+                soup.points.extend(again.points);
+                let moved = |c: Vec<u64>| c.iter().map(|v| v + first).collect();
+                soup.cells
+                    .extend(again.cells.into_iter().map(|(t, c)| (t, moved(c))));
+            }
+            let (encoded, field) = with_field(&soup, variant, 8);
+            assert!(encoded.mesh.submeshes().len() > 1);
+            let sampler = BlockSampler::new(&encoded.mesh, &field, None);
+            let (mut at, mut lanes) = (Vec::new(), Vec::new());
+            for vector in 0..150 {
+                let middle = [0; 3].map(|_| random.between(0.0, 6.0));
+                let mut places: Places = [[0.0; LANES]; 3];
+                for lane in 0..LANES {
+                    let corner = soup.points[random.next() as usize % soup.points.len()];
+                    let other = soup.points[random.next() as usize % soup.points.len()];
+                    for axis in 0..3 {
+                        places[axis][lane] = match (vector + lane) % 7 {
+                            0 => corner[axis],
+                            1 => 0.5 * (corner[axis] + other[axis]),
+                            _ => middle[axis] + random.between(-0.4, 0.4),
+                        } as f32;
+                    }
+                }
+                at.push(places);
+                // Of some vectors few lanes, of some none.
+                lanes.push((random.next() & random.next()) as u16 * u16::from(vector % 11 != 3));
+            }
+            let expected: Vec<Sampled> = at
+                .iter()
+                .zip(&lanes)
+                .map(|(at, &lanes)| sampler.sample(at, lanes))
+                .collect();
+            let mut found = 0;
+            for level in Level::available() {
+                for order in [Order::Compact, Order::Scattered] {
+                    let mut sampled = vec![Sampled::default(); at.len()];
+                    sampler.sample_all_at(level, order, &at, &lanes, &mut sampled);
+                    for (vector, (here, alone)) in sampled.iter().zip(&expected).enumerate() {
+                        assert_eq!(bits(here), bits(alone), "{cut:?} {level:?} {order:?}");
+                        assert_eq!(here.located.found & !lanes[vector], 0);
+                        found += here.located.found.count_ones();
+                    }
+                }
+            }
+            assert!(found > 1000, "{found}");
+        }
+    }
+}
+
+/// Gradients are those of the scalar code, the same on every instruction set.
+#[test]
+fn gradients_are_those_of_the_cells() {
+    for cut in CUTS {
+        let soup = lattice(6, cut, 0.15, 23);
+        let (encoded, field) = with_field(&soup, Variant::MultiNodes, 9);
+        let sampler = BlockSampler::new(&encoded.mesh, &field, None);
+        let mut random = Random(6);
+        let mut locator = encoded.mesh.locator();
+        for _ in 0..20 {
+            let at: Places =
+                std::array::from_fn(|_| std::array::from_fn(|_| random.between(0.2, 5.8) as f32));
+            let sampled = sampler.sample(&at, u16::MAX);
+            let portable = sampler.gradients_at(Level::Baseline, &at, &sampled.located);
+            for level in Level::available() {
+                let here = sampler.gradients_at(level, &at, &sampled.located);
+                let bits = |g: [[f32; LANES]; 3]| g.map(|axis| axis.map(f32::to_bits));
+                assert_eq!(bits(here), bits(portable), "{level:?}");
+            }
+            for lane in (0..LANES).filter(|lane| sampled.located.found >> lane & 1 == 1) {
+                let location = locator.locate_local(at.map(|c| f64::from(c[lane])));
+                let location = location.expect("found");
+                let cell = location.cell;
+                let submesh = encoded.mesh.submesh(cell.submesh as usize).expect("there");
+                let corners = submesh.corner_positions(&cell).expect("there");
+                let first = submesh.header.first_vertex as usize;
+                let values = cell
+                    .corners
+                    .map(|c| field.values().get_f64(first + c as usize, 0));
+                let values = values.map(|v| v as f32);
+                let expected = gradient_at(cell.cell_type, &corners, &values, &location.weights);
+                let size = expected.iter().fold(1.0, |m, g| f64::max(m, g.abs()));
+                for axis in 0..3 {
+                    let off = f64::from(portable[axis][lane]) - expected[axis];
+                    assert!(off.abs() < 1e-3 * size, "{cut:?}: {off} of {size}");
+                }
+            }
         }
     }
 }

@@ -354,6 +354,11 @@ impl Partition<'_> {
                             let bits = set[i] & in_chunk;
                             waiting[i] = pair_up(i, first_block, bits, waiting[i], &mut pairs);
                         }
+                        // With a later block it would be far from its neighbours' samples.
+                        if V::IS_TOGETHER && waiting[i].1 > 0.0 {
+                            pairs.push(i, waiting[i], NO_BLOCK);
+                            waiting[i] = NO_BLOCK;
+                        }
                     }
                     let pairs = &pairs.pairs[..pairs.len];
                     if !pairs.is_empty() {

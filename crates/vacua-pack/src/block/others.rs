@@ -66,11 +66,21 @@ impl OtherBatch {
         }
     }
 
-    /// Adds the pyramids, wedges and hexahedra of a leaf; there must be room for them.
+    /// Whether there is room for the cells of a leaf.
+    #[inline(always)]
+    pub fn has_room(&self, leaf: &Leaf) -> bool {
+        self.len + usize::from(LeafCounts::unpack(leaf.counts).others) <= LANES
+    }
+
+    /// Adds the pyramids, wedges and hexahedra of a leaf, if it has any; there must be room for them.
     #[inline(always)]
     pub fn add(&mut self, submesh: &Submesh, leaf: &Leaf) {
+        let others = LeafCounts::unpack(leaf.counts).others;
+        if others == 0 {
+            return;
+        }
         let mut place = first_other(leaf);
-        for _ in 0..LeafCounts::unpack(leaf.counts).others {
+        for _ in 0..others {
             let (cell_type, corners) = submesh.other(submesh.indices.read::<OTHER_INDICES>(place));
             let slot = self.len % LANES;
             for k in 0..MAX_CORNERS {

@@ -32,6 +32,8 @@ pub(super) struct Packets<'a> {
     pub at: &'a [Places],
     /// Those still looked for, lane by lane.
     pub live: [u16; PACKETS],
+    /// Where the first of a packet's lanes goes among all lanes that are asked for.
+    pub home: [u32; PACKETS],
     /// In sixteenths of a step of the grid of the sub-mesh at hand.
     grid: [[[f32; LANES]; 3]; PACKETS],
     /// The lowest primitive of the sub-mesh at hand that accepts each; [`NOT_FOUND`] if none has.
@@ -93,10 +95,11 @@ pub(super) fn store<S: Simd>(values: S::F, to: &mut [f32], from: usize) {
 
 impl<'a> Packets<'a> {
     /// Packets of which some lanes are looked for.
-    pub fn new(at: &'a [Places]) -> Self {
+    pub fn new(at: &'a [Places], live: [u16; PACKETS], home: [u32; PACKETS]) -> Self {
         Self {
             at,
-            live: [0; PACKETS],
+            live,
+            home,
             grid: [[[0.0; LANES]; 3]; PACKETS],
             primitive: [NOT_FOUND; PLACES],
             value: [0.0; PLACES],

@@ -5,7 +5,7 @@
 //! exact, and never outside the range of the corners' values, whatever the rounding.
 
 use vacua_simd::{Voxel, WideMap};
-use vacua_volume::{Association, dispatch_scalar};
+use vacua_volume::{Association, ScalarType, dispatch_scalar};
 
 use super::{BlockSampler, MAX_CORNERS, Sampled};
 use crate::field::PackedField;
@@ -26,7 +26,10 @@ pub(super) enum Values<'a> {
 
 /// Values on points.
 pub(super) struct PointValues<'a> {
-    field: &'a PackedField,
+    scalar_type: ScalarType,
+    bytes: &'a [u8],
+    /// Where they are instead, in the variant `small`.
+    framed: Option<&'a FramedValues>,
     map: Option<WideMap>,
 }
 
@@ -70,7 +73,12 @@ impl<'a> Values<'a> {
         submesh: usize,
     ) -> Self {
         match field.association() {
-            Association::Point => Self::OfPoints(PointValues { field, map }),
+            Association::Point => Self::OfPoints(PointValues {
+                scalar_type: field.values().scalar_type(),
+                bytes: field.values().bytes(),
+                framed: field.framed(),
+                map,
+            }),
             Association::Cell => Self::OfCells(CellValues {
                 mesh,
                 field,
@@ -85,11 +93,10 @@ impl Values<'_> {
     /// Asks for the value at a vertex that will be read soon, if there are such.
     #[inline(always)]
     pub fn prefetch(&self, header: &SubmeshHeader, vertex: u32) {
-        if let Self::OfPoints(PointValues { field, .. }) = self {
-            let values = field.values();
+        if let Self::OfPoints(values) = self {
             let place = header.first_vertex.wrapping_add(u64::from(vertex)) as usize;
-            let byte = place.wrapping_mul(values.scalar_type().size_bytes());
-            vacua_simd::prefetch(values.bytes(), byte);
+            let byte = place.wrapping_mul(values.scalar_type.size_bytes());
+            vacua_simd::prefetch(values.bytes, byte);
         }
     }
 }
@@ -105,14 +112,13 @@ impl PointValues<'_> {
         len: usize,
         found: &mut [[f32; CELLS]; CORNERS],
     ) {
-        let values = self.field.values();
-        if let Some(framed) = self.field.framed() {
+        if let Some(framed) = self.framed {
             self.from_frames(framed, header, corners, len.min(CELLS), found);
             return;
         }
         let first = usize::try_from(header.first_vertex).unwrap_or(usize::MAX);
-        dispatch_scalar!(values.scalar_type(), T => {
-            let values: &[T] = bytemuck::cast_slice(values.bytes());
+        dispatch_scalar!(self.scalar_type, T => {
+            let values: &[T] = bytemuck::cast_slice(self.bytes);
             let values = values.get(first..).unwrap_or(&[]);
             self.fetch(values, corners, len.min(CELLS), found);
         });

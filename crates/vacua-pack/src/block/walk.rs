@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use vacua_simd::{Float, LANES, Mask, Simd};
 
 use crate::Variant;
-use crate::layout::{LeafCounts, WIDTH};
+use crate::layout::WIDTH;
 use crate::packed::{PackedMesh, Submesh};
 use crate::small::Cache;
 
@@ -76,10 +76,10 @@ impl BlockSampler<'_> {
             return;
         }
         if !self.is_tame {
-            self.sample_one_by_one(packets, order, sampled);
+            self.sample_one_by_one(packets, sampled);
             return;
         }
-        let mut boxes = packets.boxes::<S>();
+        let boxes = packets.boxes::<S>();
         scratch.items.clear();
         scratch.stack.clear();
         outer_items::<S>(
@@ -97,12 +97,9 @@ impl BlockSampler<'_> {
             let Some(submesh) = self.mesh.submesh(number) else {
                 continue;
             };
-            self.visit_submesh::<S>(number, &submesh, &boxes, order, packets, scratch);
-            let found = deliver(number, order, packets, sampled);
-            if found && next < scratch.items.len() {
-                boxes = packets.boxes::<S>();
-                mask = packets.mask();
-            }
+            let there = self.visit_submesh::<S>(number, &submesh, &boxes, order, packets, scratch);
+            // Boxes stay as they are, now too large for some packets, which is safe.
+            mask &= !deliver(number, there, packets, sampled);
         }
     }
 
@@ -139,7 +136,7 @@ impl BlockSampler<'_> {
         Some(number)
     }
 
-    /// Finds the cells of a sub-mesh in which live places are.
+    /// Finds the cells of a sub-mesh in which live places are; gives the packets that were there.
     #[inline(always)]
     fn visit_submesh<S: Simd>(
         &self,
@@ -149,13 +146,13 @@ impl BlockSampler<'_> {
         order: Order,
         packets: &mut Packets,
         scratch: &mut Scratch,
-    ) {
+    ) -> PacketMask {
         let all = scratch
             .stack
             .iter()
             .fold(0, |all, visit| all | visit.packets);
         if all == 0 {
-            return;
+            return 0;
         }
         let frame = &self.frames[number];
         packets.enter::<S>(frame, all);
@@ -174,18 +171,17 @@ impl BlockSampler<'_> {
         } = scratch;
         // Depth first, or, where every node is likely to be far away, breadth first, so that it is
         // asked for long before it is visited.
-        while let Some(visit) = match order {
-            Order::Compact => stack.pop_back(),
-            Order::Scattered => stack.pop_front(),
-        } {
-            if visit.packets != 0 {
+        loop {
+            let visit = match order {
+                Order::Compact => stack.pop_back(),
+                Order::Scattered => stack.pop_front(),
+            };
+            leaves.len = 0;
+            if let Some(visit) = visit.filter(|visit| visit.packets != 0) {
                 visit_node::<S>(submesh, &boxes, visit, stack, leaves);
-            } else {
-                leaves.len = 0;
             }
-            for i in 0..leaves.len {
-                let leaf = &leaves.leaves[i % WIDTH];
-                if let (Some(clusters), Some(cache)) = (&submesh.clusters, cache.as_mut()) {
+            if let (Some(clusters), Some(cache)) = (&submesh.clusters, cache.as_mut()) {
+                for leaf in &leaves.leaves[..leaves.len] {
                     let visited = Visited {
                         number,
                         submesh,
@@ -198,29 +194,38 @@ impl BlockSampler<'_> {
                         in_leaf,
                     };
                     self.visit_cluster::<S>(&visited, &boxes, packets, batches, cache);
-                    continue;
                 }
-                if !tets.has_room(leaf) {
-                    self.test_tets::<S>(number, submesh, &values, order, tets, packets, in_leaf);
-                }
-                tets.add(leaf);
-                let num_others = usize::from(LeafCounts::unpack(leaf.counts).others);
-                if others.len + num_others > LANES {
-                    others.test::<S>(submesh, &values, packets, in_leaf);
-                    others.clear();
-                }
-                if num_others > 0 {
-                    others.add(submesh, leaf);
-                }
+                leaves.len = 0;
             }
-            // One place each for these calls: they are long.
             let is_last = stack.is_empty();
-            if is_last && tets.len > 0 {
-                self.test_tets::<S>(number, submesh, &values, order, tets, packets, in_leaf);
+            let mut next = 0;
+            loop {
+                while let Some(leaf) = leaves.leaves[..leaves.len].get(next)
+                    && tets.has_room(leaf)
+                    && others.has_room(leaf)
+                {
+                    tets.add(leaf);
+                    others.add(submesh, leaf);
+                    next += 1;
+                }
+                let is_full = next < leaves.len;
+                if is_full || is_last {
+                    if tets.len > 0 {
+                        self.test_tets::<S>(
+                            number, submesh, &values, order, tets, packets, in_leaf,
+                        );
+                    }
+                    if others.len > 0 {
+                        others.test::<S>(submesh, &values, packets, in_leaf);
+                        others.clear();
+                    }
+                }
+                if !is_full {
+                    break;
+                }
             }
-            if is_last && others.len > 0 {
-                others.test::<S>(submesh, &values, packets, in_leaf);
-                others.clear();
+            if is_last {
+                return all;
             }
         }
     }
@@ -246,31 +251,31 @@ impl BlockSampler<'_> {
     /// The answer of the scalar locator, for meshes that vectors cannot serve.
     #[cold]
     #[inline(never)]
-    fn sample_one_by_one(&self, packets: &Packets, order: Order, sampled: &mut [Sampled]) {
+    fn sample_one_by_one(&self, packets: &Packets, sampled: &mut [Sampled]) {
         let mut locator = self.mesh.locator();
         for packet in bits(packets.mask()) {
             for lane in (0..LANES).filter(|lane| packets.live[packet] >> lane & 1 == 1) {
                 let place = packets.place((packet * LANES + lane) as u32);
-                let (vector, to) = match order {
-                    Order::Compact => (packet, lane),
-                    Order::Scattered => (packet / LANES, packet % LANES),
-                };
-                let Some(location) = locator.locate_local(place.map(f64::from)) else {
-                    continue;
-                };
-                if let Some(sampled) = sampled.get_mut(vector) {
-                    self.set(&location, to, sampled);
+                let home = packets.home[packet] as usize + lane;
+                let location = locator.locate_local(place.map(f64::from));
+                if let (Some(location), Some(sampled)) = (location, sampled.get_mut(home / LANES)) {
+                    self.set(&location, home % LANES, sampled);
                 }
             }
         }
     }
 }
 
-/// Writes down what was found in a sub-mesh, and looks for that no longer; whether there was
-/// anything.
-fn deliver(number: usize, order: Order, packets: &mut Packets, sampled: &mut [Sampled]) -> bool {
-    let mut any = false;
-    for packet in bits(packets.mask()) {
+/// Writes down what was found in a sub-mesh, and looks for that no longer; gives the packets of
+/// which all was found.
+fn deliver(
+    number: usize,
+    there: PacketMask,
+    packets: &mut Packets,
+    sampled: &mut [Sampled],
+) -> PacketMask {
+    let mut done = 0;
+    for packet in bits(there) {
         let mut left = packets.live[packet];
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
@@ -280,15 +285,12 @@ fn deliver(number: usize, order: Order, packets: &mut Packets, sampled: &mut [Sa
             if primitive == NOT_FOUND {
                 continue;
             }
-            any = true;
             packets.live[packet] &= !(1 << lane);
-            let (vector, to) = match order {
-                Order::Compact => (packet, lane),
-                Order::Scattered => (packet / LANES, packet % LANES),
-            };
-            let Some(sampled) = sampled.get_mut(vector) else {
+            let home = packets.home[packet] as usize + lane;
+            let Some(sampled) = sampled.get_mut(home / LANES) else {
                 continue;
             };
+            let to = home % LANES;
             let value = packets.value[place];
             let is_finite = value.is_finite();
             sampled.values[to] = if is_finite { value } else { 0.0 };
@@ -296,8 +298,9 @@ fn deliver(number: usize, order: Order, packets: &mut Packets, sampled: &mut [Sa
             sampled.located.found |= 1 << to;
             sampled.located.others |= (packets.others[packet] >> lane & 1) << to;
             sampled.located.submesh[to] = number as u32;
-            sampled.located.primitive[to] = primitive as u32 as u64;
+            sampled.located.primitive[to] = u64::from(primitive as u32);
         }
+        done |= PacketMask::from(packets.live[packet] == 0) << packet;
     }
-    any
+    done
 }
