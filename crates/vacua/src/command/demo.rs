@@ -1,5 +1,5 @@
-//! `vacua demo`: the main job with nothing to bring. Makes volumes and a mesh, renders each with and without
-//! skipping, checks that the pictures are the same, prints the timings and writes the PNGs.
+//! `vacua demo`: the main job with nothing to bring. Makes volumes and a mesh, renders each with and
+//! without skipping, checks that the pictures are the same, prints the timings and writes the PNGs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
