@@ -51,11 +51,11 @@ fn every_file_and_step_reads_as_vtk_reads_it() {
 #[test]
 fn steps_that_are_not_there_are_refused() {
     for name in ["steps.vtkhdf", "static.vtkhdf", "image_steps.vtkhdf"] {
-        let error = open_at(name, 3).err().expect("three steps").to_string();
+        let error = open_at(name, 3).expect_err("three steps").to_string();
         assert!(error.contains("3 steps"), "{error}");
     }
     for name in ["mixed.vtkhdf", "image.vtkhdf"] {
-        let error = open_at(name, 1).err().expect("no steps").to_string();
+        let error = open_at(name, 1).expect_err("no steps").to_string();
         assert!(error.contains("step 1"), "{error}");
     }
 }
@@ -101,9 +101,7 @@ fn collections_are_joined() {
 
 #[test]
 fn other_types_are_refused_by_name() {
-    let error = vacua_io::open(folder().join("sphere.vtkhdf"))
-        .err()
-        .expect("a surface");
+    let error = vacua_io::open(folder().join("sphere.vtkhdf")).expect_err("a surface");
     assert!(error.to_string().contains("`PolyData`"), "{error}");
     assert!(error.to_string().contains("`UnstructuredGrid`"), "{error}");
 }

@@ -177,7 +177,7 @@ fn what_is_not_read_is_named() {
 fn heavy_data_is_beside_the_file() {
     let good = text_of("hand.xmf");
     assert!(read_text(good.clone()).is_ok());
-    let error = |text: String| read_text(text).err().expect("refused");
+    let error = |text: String| read_text(text).expect_err("refused");
     let outside = error(good.replace("hand.bin", "../xdmf/hand.bin"));
     assert!(outside.contains("outside"), "{outside}");
     let missing = error(good.replace("hand.bin", "hand.bim"));

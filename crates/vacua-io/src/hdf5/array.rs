@@ -225,6 +225,14 @@ impl Array {
         ))
     }
 
+    fn len_bytes(&self) -> u64 {
+        let ArrayKind::Numbers(scalar_type) = self.kind else {
+            return 0;
+        };
+        let numbers: usize = self.lens.iter().product();
+        (numbers as u64).saturating_mul(scalar_type.size_bytes() as u64)
+    }
+
     /// Where in the file its numbers lie one after the other as they are in memory; `None` if they
     /// do not.
     fn place(&self) -> Result<Option<usize>, Problem> {
@@ -249,9 +257,12 @@ impl Array {
             match message {
                 HdfMessage::ExternalFiles(_) | HdfMessage::FilterPipeline(_) => return Ok(None),
                 HdfMessage::DataLayout(message) => {
-                    let DataLayout::Contiguous { address, .. } = message.layout else {
+                    let DataLayout::Contiguous { address, size } = message.layout else {
                         return Ok(None);
                     };
+                    if size < self.len_bytes() {
+                        return Ok(None);
+                    }
                     let base = file.superblock().base_address;
                     place = address
                         .checked_add(base)

@@ -278,7 +278,55 @@ fn if_there<T>(result: Result<T, Error>, what: &str) -> Result<Option<T>, Proble
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+
+    #[test]
+    fn contiguous_arrays_stay_where_they_are() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hdf");
+        for (name, is_mapped) in [
+            ("mixed_flat.vtkhdf", true),
+            ("mixed_user_block.vtkhdf", true),
+            ("mixed_chunk.vtkhdf", false),
+            ("mixed_shuffle.vtkhdf", false),
+        ] {
+            let source = Source::open(&folder.join(name)).expect("committed");
+            let container = Container::open(&source).expect("HDF5");
+            let types = container.need("VTKHDF/Types").expect("there");
+            let types = types.read_rows(3, 5).expect("24 cells");
+            assert_eq!(types.tuples(), 5);
+            let inside = source.bytes().as_ptr_range();
+            assert_eq!(
+                inside.contains(&types.bytes().as_ptr()),
+                is_mapped,
+                "{name}"
+            );
+        }
+    }
+
+    #[test]
+    fn pieces_in_the_order_of_c() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hdf");
+        for name in ["mixed_flat.vtkhdf", "mixed_growing_both.vtkhdf"] {
+            let source = Source::open(&folder.join(name)).expect("committed");
+            let container = Container::open(&source).expect("HDF5");
+            let points = container.need("VTKHDF/Points").expect("there");
+            let all = points.read_all().expect("27 points");
+            for (first, components, tuples) in [(0, 3, 27), (6, 3, 2), (7, 1, 2), (9, 1, 0)] {
+                let piece = points.read(first, components, tuples).expect("inside");
+                for i in 0..tuples * components {
+                    let expected = all.get_f64((first + i) / 3, (first + i) % 3);
+                    let found = piece.get_f64(i / components, i % components);
+                    assert_eq!(found, expected, "{name}: {first}");
+                }
+            }
+            assert!(points.read(80, 1, 2).is_err());
+            assert!(points.read(usize::MAX, 3, usize::MAX).is_err());
+            assert!(container.array("VTKHDF/None").expect("no damage").is_none());
+            assert!(container.need("VTKHDF/Points/x").is_err());
+        }
+    }
 
     #[test]
     fn marks_are_found_after_user_blocks() {

@@ -1,5 +1,5 @@
-//! `vacua demo`: the main job with nothing to bring. Makes volumes, renders each with and without
-//! skipping, checks that the pictures are the same, prints the timings and writes the PNGs.
+//! `vacua demo`: the main job with nothing to bring. Makes volumes and a mesh, renders each with and
+//! without skipping, checks that the pictures are the same, prints the timings and writes the PNGs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,8 +8,8 @@ use std::time::Instant;
 use vacua::{Camera, RenderSettings, SkipMethod};
 use vacua_io::picture::{Picture, write_png};
 use vacua_render::{CpuRenderer, Frame, Renderer as _, Scene};
-use vacua_synth::{Kind, Spec};
-use vacua_volume::{ComponentChoice, FieldChoice};
+use vacua_synth::{Kind, MeshKind, MeshSpec, Spec};
+use vacua_volume::{ComponentChoice, Dataset, FieldChoice, TransferFunction, Volume};
 
 use super::{Failure, output};
 
@@ -28,6 +28,10 @@ const PIXELS: usize = 768;
 /// Frames that are timed after one to warm up.
 const FRAMES: usize = 3;
 const KINDS: [Kind; 3] = [Kind::Shells, Kind::Heptane, Kind::Flower];
+/// The mesh: tetrahedra around layers of wedges.
+const MESH: MeshKind = MeshKind::Lander;
+/// Its cells a side, about.
+const MESH_SIZE: usize = 48;
 
 /// Runs `vacua demo`.
 pub fn run(args: &DemoArgs) -> Result<(), Failure> {
@@ -38,36 +42,90 @@ pub fn run(args: &DemoArgs) -> Result<(), Failure> {
         renderer.threads()
     ))?;
     for kind in KINDS {
-        one(kind, &args.output, &mut renderer)?;
+        one(grid(kind)?, &args.output, &mut renderer)?;
     }
-    Ok(())
+    one(mesh()?, &args.output, &mut renderer)
 }
 
-fn one(kind: Kind, folder: &Path, renderer: &mut CpuRenderer) -> Result<(), Failure> {
-    let other = |e: vacua_synth::SynthError| Failure::Other(Box::new(e));
+/// What is rendered, how it looks, and what to say of it.
+struct Subject {
+    name: String,
+    volume: Volume,
+    look: TransferFunction,
+    shape: String,
+    made_secs: f64,
+}
+
+fn other(error: impl std::error::Error + Send + Sync + 'static) -> Failure {
+    Failure::Other(Box::new(error))
+}
+
+fn only_field(dataset: &Dataset) -> Result<Volume, Failure> {
+    dataset
+        .volume(&FieldChoice::Only, ComponentChoice::Auto)
+        .map_err(other)
+}
+
+fn grid(kind: Kind) -> Result<Subject, Failure> {
     let spec = Spec::new(kind).with_points(POINTS);
     let start = Instant::now();
     let dataset =
         output::during("making a volume", || vacua_synth::generate(&spec)).map_err(other)?;
     let made_secs = start.elapsed().as_secs_f64();
-    let volume = dataset
-        .volume(&FieldChoice::Only, ComponentChoice::Auto)
-        .map_err(|e| Failure::Other(Box::new(e)))?;
     let looks = kind.transfer_functions(spec.scalar_type).map_err(other)?;
     let (_, look) = looks
         .into_iter()
         .next()
         .ok_or_else(|| Failure::plain(format!("{kind} has no transfer function")))?;
-    let scene = Scene::new(Arc::new(volume), look).camera(Camera::orbit(30.0, 20.0));
+    let [x, y, z] = POINTS;
+    Ok(Subject {
+        name: kind.to_string(),
+        volume: only_field(&dataset)?,
+        look,
+        shape: format!("{x} × {y} × {z} {}", spec.scalar_type),
+        made_secs,
+    })
+}
 
+fn mesh() -> Result<Subject, Failure> {
+    let spec = MeshSpec {
+        size: MESH_SIZE,
+        ..MeshSpec::new(MESH)
+    };
+    let start = Instant::now();
+    let dataset =
+        output::during("making a mesh", || vacua_synth::generate_mesh(&spec)).map_err(other)?;
+    let made_secs = start.elapsed().as_secs_f64();
+    let cells = dataset.mesh().map_or(0, |mesh| mesh.num_cells());
+    let volume = only_field(&dataset)?;
+    // Only the upper half of the values is seen, so that there is something to skip.
+    let style = TransferFunction::preset("plasma").opacity_ramp_to(0.5..=1.0, 0.3);
+    Ok(Subject {
+        name: MESH.to_string(),
+        look: style.resolve(&volume).map_err(other)?,
+        volume,
+        shape: format!("{cells} tetrahedra and wedges"),
+        made_secs,
+    })
+}
+
+fn one(subject: Subject, folder: &Path, renderer: &mut CpuRenderer) -> Result<(), Failure> {
+    let Subject {
+        name,
+        volume,
+        look,
+        shape,
+        made_secs,
+    } = subject;
+    let scene = Scene::new(Arc::new(volume), look).camera(Camera::orbit(30.0, 20.0));
     let (without, without_secs, _) = timed(renderer, &scene, SkipMethod::None)?;
     let (with, with_secs, method) = timed(renderer, &scene, SkipMethod::Auto)?;
     if with != without {
         return Err(Failure::plain(format!(
-            "{kind}: skipping changed the picture, which must never happen; please report it"
+            "{name}: skipping changed the picture, which must never happen; please report it"
         )));
     }
-    let path = folder.join(format!("{kind}.png"));
+    let path = folder.join(format!("{name}.png"));
     let picture = Picture {
         width: with.width,
         height: with.height,
@@ -76,13 +134,11 @@ fn one(kind: Kind, folder: &Path, renderer: &mut CpuRenderer) -> Result<(), Fail
         cost: None,
     };
     write_png(&path, &picture, Some([0.0; 3]))?;
-    let [x, y, z] = POINTS;
     output::print(&format!(
-        "{kind}: {x} × {y} × {z} {}, made in {made_secs:.1} s\n  \
+        "{name}: {shape}, made in {made_secs:.1} s\n  \
          without skipping {:7.1} ms\n  \
          with skipping    {:7.1} ms ({}), {:.1} times as fast, the same picture to the bit\n  \
          {}",
-        spec.scalar_type,
         1e3 * without_secs,
         1e3 * with_secs,
         method.name(),
