@@ -68,6 +68,8 @@ impl Cells {
         let lengths = [
             ("the map of points", map.points.len()),
             ("the field", field.values().tuples()),
+            // Variant `small` has no list of them.
+            ("the list of positions", mesh.positions().len()),
         ];
         for (what, actual) in lengths {
             if actual != num_vertices {
