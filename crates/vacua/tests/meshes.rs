@@ -186,26 +186,24 @@ fn fields_are_added_and_swapped_without_encoding_again() {
     let folder = folder();
     let path = |name: &str| text(&folder.path().join(name));
     let can = data("can.vtu");
-    let (plain, updated, fresh) = (path("plain"), path("updated"), path("fresh"));
-    succeed(&["encode", &can, "-o", &plain, "--fields", "EQPS"]);
-    let message = fails(&["encode", &can, "--update", &plain], 1);
+    let paths = [path("plain"), path("updated"), path("fresh")];
+    let [plain, updated, fresh] = [0, 1, 2].map(|i| paths[i].as_str());
+    succeed(&["encode", &can, "-o", plain, "--fields", "EQPS"]);
+    let message = fails(&["encode", &can, "--update", plain], 1);
     assert!(message.contains("--keep-map"), "{message}");
     let kept = ["encode", &can, "--keep-map", "-o"];
-    succeed(&[&kept[..], &[&updated, "--fields", "DISPL:2,EQPS"]].concat());
-    let swap = ["encode", &can, "--update", &updated, "--json"];
+    succeed(&[&kept[..], &[updated, "--fields", "DISPL:2,EQPS"]].concat());
+    let swap = ["encode", &can, "--update", updated, "--json"];
     let report = as_json(&[&swap[..], &["--fields", "EQPS,VEL:all"]].concat());
     assert_eq!(report["swapped"], json!(["EQPS"]));
     assert_eq!(report["added"], json!(["VEL", "VEL:0", "VEL:1", "VEL:2"]));
     assert_eq!(report["kept"], json!(["DISPL:2"]));
-    succeed(&[&kept[..], &[&fresh, "--fields", "DISPL:2,EQPS,VEL:all"]].concat());
+    succeed(&[&kept[..], &[fresh, "--fields", "DISPL:2,EQPS,VEL:all"]].concat());
     let read = |path: &str| std::fs::read(path).expect("written");
-    assert!(
-        read(&updated) == read(&fresh),
-        "the file of a fresh encoding"
-    );
-    let info = as_json(&["info", &fresh, "--json"]);
+    assert!(read(updated) == read(fresh), "the file of a fresh encoding");
+    let info = as_json(&["info", fresh, "--json"]);
     assert!(info["packed"]["bytes"]["map"].as_u64() > Some(0));
-    let message = fails(&["encode", &data("post.vtk"), "--update", &updated], 1);
+    let message = fails(&["encode", &data("post.vtk"), "--update", updated], 1);
     assert!(message.contains("values, the mesh's"), "{message}");
 }
 
