@@ -89,6 +89,7 @@ pub fn match_pairs(
 }
 
 /// Places of the bits that are set, lowest first.
+#[inline(always)]
 pub fn bits(mut set: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         (set != 0).then(|| {

@@ -57,7 +57,7 @@ impl BlockSampler<'_> {
             values_at_vertices(self.field, self.map, submesh, cluster, found);
         });
         let values = match self.field.association() {
-            Association::Point => Values::OfCluster(ClusterValues { at_vertices }),
+            Association::Point => Values::Cluster(ClusterValues { at_vertices }),
             Association::Cell => Values::new(self.mesh, self.field, self.map, number),
         };
         let local = &submesh.with_cluster(cluster);

@@ -7,9 +7,10 @@ use vacua_simd::{Float, Int, LANES, Mask, Simd, per_axis};
 use crate::layout::{CHILD_DIVISIONS, LeafCounts, MultiLeaf, OTHER_INDICES, WIDTH};
 use crate::outer::{OuterChild, OuterNode};
 use crate::packed::Submesh;
+use crate::pairs::bits;
 
 use super::Frame;
-use super::packets::{GROUPS, PacketBoxes, PacketMask, bits, load, store};
+use super::packets::{GROUPS, PacketBoxes, PacketMask, load, store};
 
 /// Indices that the primitives of a leaf take, by its counts.
 const NUM_INDICES: [u8; 256] = {

@@ -67,7 +67,7 @@ impl BlockSampler<'_> {
             if let Some(submesh) = self.mesh.submesh(number as usize) {
                 cells.add(&submesh, located, lanes);
                 let values = Values::new(self.mesh, self.field, self.map, number as usize);
-                if let Values::OfPoints(values) = values {
+                if let Values::Points(values) = values {
                     let mut found = [[0.0; LANES]; MAX_CORNERS];
                     let header = submesh.header;
                     if located.others & lanes == 0 {

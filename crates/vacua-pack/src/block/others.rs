@@ -188,13 +188,13 @@ impl OtherBatch {
     fn values_at_corners(&self, submesh: &Submesh, values: &Values) -> [[f32; LANES]; MAX_CORNERS] {
         let mut at_corners = [[0.0; LANES]; MAX_CORNERS];
         match values {
-            Values::OfPoints(values) => {
+            Values::Points(values) => {
                 values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
             }
-            Values::OfCluster(values) => {
+            Values::Cluster(values) => {
                 values.at_corners(&self.corners, self.len, &mut at_corners);
             }
-            Values::OfCells(values) => {
+            Values::Cells(values) => {
                 let mut slot = 0;
                 for leaf in &self.leaves[..self.num_leaves] {
                     let counts = LeafCounts::unpack(leaf.counts);

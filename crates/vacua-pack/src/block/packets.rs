@@ -2,6 +2,8 @@
 
 use vacua_simd::{Float, Int, LANES, Mask, Simd, per_axis};
 
+use crate::pairs::bits;
+
 use super::descend::Leaf;
 use super::{Frame, PACKETS, Places};
 
@@ -238,17 +240,4 @@ fn load_i<S: Simd>(values: &[i32], from: usize) -> S::I {
         Some(sixteen) => S::I::from_array(*sixteen),
         None => S::I::splat(0),
     }
-}
-
-/// Places of the bits that are set, lowest first.
-#[inline(always)]
-pub(super) fn bits(mut set: PacketMask) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        if set == 0 {
-            return None;
-        }
-        let i = set.trailing_zeros() as usize;
-        set &= set - 1;
-        Some(i)
-    })
 }

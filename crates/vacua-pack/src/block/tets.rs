@@ -218,13 +218,13 @@ impl TetBatch {
         self.read(submesh, rounding, values, is_far);
         let mut at_corners = [[0.0; SLOTS]; TET_INDICES];
         match values {
-            Values::OfPoints(values) => {
+            Values::Points(values) => {
                 values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
             }
-            Values::OfCluster(values) => {
+            Values::Cluster(values) => {
                 values.at_corners(&self.corners, self.len, &mut at_corners);
             }
-            Values::OfCells(values) => {
+            Values::Cells(values) => {
                 let mut slot = 0;
                 for leaf in &self.leaves[..self.num_leaves] {
                     for cell in 0..num_tets(leaf) as u32 {

@@ -17,11 +17,11 @@ use crate::small::{FramedValues, block_of_cell, block_of_vertex};
 /// Values of a field in a sub-mesh.
 pub(super) enum Values<'a> {
     /// On points.
-    OfPoints(PointValues<'a>),
+    Points(PointValues<'a>),
     /// On points, of one decoded cluster.
-    OfCluster(ClusterValues<'a>),
+    Cluster(ClusterValues<'a>),
     /// On cells.
-    OfCells(CellValues<'a>),
+    Cells(CellValues<'a>),
 }
 
 /// Values on points.
@@ -73,13 +73,13 @@ impl<'a> Values<'a> {
         submesh: usize,
     ) -> Self {
         match field.association() {
-            Association::Point => Self::OfPoints(PointValues {
+            Association::Point => Self::Points(PointValues {
                 scalar_type: field.values().scalar_type(),
                 bytes: field.values().bytes(),
                 framed: field.framed(),
                 map,
             }),
-            Association::Cell => Self::OfCells(CellValues {
+            Association::Cell => Self::Cells(CellValues {
                 mesh,
                 field,
                 map,
@@ -93,7 +93,7 @@ impl Values<'_> {
     /// Asks for the value at a vertex that will be read soon, if there are such.
     #[inline(always)]
     pub fn prefetch(&self, header: &SubmeshHeader, vertex: u32) {
-        if let Self::OfPoints(values) = self {
+        if let Self::Points(values) = self {
             let place = header.first_vertex.wrapping_add(u64::from(vertex)) as usize;
             let byte = place.wrapping_mul(values.scalar_type.size_bytes());
             vacua_simd::prefetch(values.bytes, byte);
@@ -113,7 +113,7 @@ impl PointValues<'_> {
         found: &mut [[f32; CELLS]; CORNERS],
     ) {
         if let Some(framed) = self.framed {
-            self.from_frames(framed, header, corners, len.min(CELLS), found);
+            self.fetch_frames(framed, header, corners, len.min(CELLS), found);
             return;
         }
         let first = usize::try_from(header.first_vertex).unwrap_or(usize::MAX);
@@ -127,7 +127,7 @@ impl PointValues<'_> {
     /// As [`Self::at_vertices`] where values are in frames: for single cells, as clusters have theirs.
     #[cold]
     #[inline(never)]
-    fn from_frames<const CELLS: usize, const CORNERS: usize>(
+    fn fetch_frames<const CELLS: usize, const CORNERS: usize>(
         &self,
         framed: &FramedValues,
         header: &SubmeshHeader,
@@ -190,13 +190,13 @@ impl BlockSampler<'_> {
         let submesh = cell.submesh as usize;
         let mut found = [[f32::NAN]; MAX_CORNERS];
         match Values::new(self.mesh, self.field, self.map, submesh) {
-            Values::OfPoints(values) => {
+            Values::Points(values) => {
                 if let Some(header) = self.mesh.submeshes().get(submesh) {
                     values.at_vertices(header, &cell.corners.map(|c| [c]), 1, &mut found);
                 }
             }
-            Values::OfCluster(_) => {}
-            Values::OfCells(values) => {
+            Values::Cluster(_) => {}
+            Values::Cells(values) => {
                 found = [[values.at_cell(location.node, location.cell_in_node)]; MAX_CORNERS];
             }
         }

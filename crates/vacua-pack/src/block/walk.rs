@@ -7,12 +7,13 @@ use vacua_simd::{Float, LANES, Mask, Simd};
 use crate::Variant;
 use crate::layout::WIDTH;
 use crate::packed::{PackedMesh, Submesh};
+use crate::pairs::bits;
 use crate::small::Cache;
 
 use super::clusters::{Batches, Visited};
 use super::descend::{Leaf, NodeLeaves, Visit, outer_items, visit_node};
 use super::others::OtherBatch;
-use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets, bits};
+use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets};
 use super::tets::TetBatch;
 use super::values::Values;
 use super::{BlockSampler, Order, Sampled};
