@@ -129,7 +129,11 @@ impl GpuRenderer {
             }
         }
         let is_small = num(self, sides[0]) <= MOST_CLUSTERED;
-        if is_small && self.mesh.is_none() && self.device.info().has_ray_tracing() && contest.rays_are_near() {
+        if is_small
+            && self.mesh.is_none()
+            && self.device.info().has_ray_tracing()
+            && contest.rays_are_near()
+        {
             let boxes = Plan {
                 method: SkipMethod::Boxes,
                 ..walk(sides[0])

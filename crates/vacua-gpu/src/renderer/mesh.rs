@@ -15,9 +15,7 @@ use crate::error::GpuError;
 use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
 use crate::shaders;
 use crate::shared::{Parameters, Push, constant, words};
-use crate::vulkan::{
-    Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder,
-};
+use crate::vulkan::{Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder};
 
 /// A shader over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
