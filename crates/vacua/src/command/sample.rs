@@ -65,13 +65,14 @@ enum Sampler {
     /// A dataset as it came.
     Volume(VolumeSampler),
     /// A `.vacua` file.
-    Packed(PackedVolume),
+    Packed(Box<PackedVolume>),
 }
 
 impl Sampler {
     fn open(args: &SampleArgs) -> Result<Self, Failure> {
         if let Some(file) = packed::open(&args.input)? {
-            return packed::volume(&file, &args.input.files[0], &args.field).map(Self::Packed);
+            let volume = packed::volume(&file, &args.input.files[0], &args.field)?;
+            return Ok(Self::Packed(Box::new(volume)));
         }
         let opened = args.input.open()?;
         let volume = args.field.volume(&opened)?;
