@@ -43,7 +43,7 @@ fn frame_of(keys: impl Iterator<Item = u64> + Clone) -> (u64, u32, u32) {
     (base, width_of(all >> shift), shift)
 }
 
-/// Positions of 64 vertices of a sub-mesh; see the [module](self).
+/// Positions of 64 vertices of a sub-mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PositionBlock {
@@ -124,7 +124,7 @@ impl PositionBlock {
     }
 }
 
-/// Frame of 64 values; see the [module](self).
+/// Frame of 64 values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ValueBlock {
