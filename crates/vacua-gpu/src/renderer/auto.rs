@@ -2,7 +2,8 @@
 //!
 //! Each candidate renders the picture once to settle and once to be timed by the device's clock; a
 //! frame takes a few milliseconds where it pays. A choice survives edits of the transfer function as
-//! long as about as much is seen.
+//! long as about as much is seen. Boxes are no candidate: they were never the fastest, and on an NVIDIA
+//! H100 pixels of theirs differed from those of the other methods (docs/performance.md).
 
 use vacua_render::{RenderReport, RenderSettings, Scene, SkipMethod};
 
@@ -17,9 +18,6 @@ const MESH_SIDES: [usize; 3] = [8, 4, 2];
 
 /// Where a smaller part of the macrocells is active, skipping is faster than not skipping.
 const CROWDED: f64 = 0.3;
-
-/// Macrocells that are clustered into boxes just to measure, at most: it is done on the host.
-const MOST_CLUSTERED: usize = 1 << 19;
 
 /// Change of the active part, as a factor, that makes a choice doubtful.
 const DOUBTFUL: f64 = 1.5;
@@ -128,18 +126,6 @@ impl GpuRenderer {
                 }
             }
         }
-        let is_small = num(self, sides[0]) <= MOST_CLUSTERED;
-        if is_small
-            && self.mesh.is_none()
-            && self.device.info().has_ray_tracing()
-            && contest.rays_are_near()
-        {
-            let boxes = Plan {
-                method: SkipMethod::Boxes,
-                ..walk(sides[0])
-            };
-            contest.enter(self, scene, settings, boxes)?;
-        }
         if part > CROWDED {
             let none = Plan {
                 method: SkipMethod::None,
@@ -199,15 +185,6 @@ impl Contest {
 
     fn least(&self) -> f64 {
         self.best().map_or(f64::INFINITY, |(_, secs)| *secs)
-    }
-
-    /// Whether tracing the boundary is not far behind: boxes never are ahead of it by much.
-    fn rays_are_near(&self) -> bool {
-        let mut traced = self
-            .entries
-            .iter()
-            .filter(|(p, _)| p.method == SkipMethod::Mesh);
-        traced.any(|(_, secs)| *secs <= 1.5 * self.least())
     }
 
     fn choice(&self) -> Choice {
