@@ -46,8 +46,8 @@ pub struct FileOptions {
 const FIXED_BYTES: u64 = 96 << 20;
 /// Bytes while a cell is split: its centre twice, while lists are loaded.
 const SPLIT_BYTES: u64 = 24;
-/// Bytes, by estimate, while sub-meshes are encoded, a thread: 65,536 vertices, about half a million cells, and
-/// what has been made of those before..
+/// Bytes, by estimate, while sub-meshes are encoded, a thread: 65,536 vertices, about half a million
+/// cells, and what has been made of those before.
 const THREAD_BYTES: u64 = 128 << 20;
 
 impl FileOptions {
