@@ -76,17 +76,17 @@ impl Content {
         match self {
             Self::Dataset(dataset) => Ok(dataset.volume(field, component)?.into()),
             Self::Encoded(file) => {
-                if let ComponentChoice::Index(asked @ 1..) = component {
-                    return Err(Error::Dataset(DatasetError::NoSuchComponent {
-                        name: match field {
-                            FieldChoice::Name(name) => name.clone(),
-                            _ => "of the encoded mesh".to_owned(),
-                        },
-                        asked,
-                        components: 1,
-                    }));
+                let packed = PackedVolume::open(file, field)?;
+                match component {
+                    ComponentChoice::Index(asked @ 1..) => {
+                        Err(Error::Dataset(DatasetError::NoSuchComponent {
+                            name: packed.field().name().to_owned(),
+                            asked,
+                            components: 1,
+                        }))
+                    }
+                    _ => Ok(packed.into()),
                 }
-                Ok(PackedVolume::open(file, field)?.into())
             }
             Self::Data(data) => Ok(data.clone()),
         }

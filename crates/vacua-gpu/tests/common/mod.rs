@@ -1,5 +1,6 @@
 //! What all tests on a device share: the device, scenes, and how pictures are compared.
 
+// Each test program is compiled with all of this and uses a part.
 #![allow(dead_code)]
 
 use std::sync::Arc;
