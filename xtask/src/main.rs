@@ -17,7 +17,7 @@ const USAGE: &str = "\
 usage: cargo xtask <task>
 
   test             unit, integration and doc tests of the workspace, and the fuzz seeds
-  ci [PIECE...]    everything that must pass: fmt shaders clippy doc build demo test (or some)
+  ci [PIECE...]    everything that must pass: fmt deny shaders clippy doc build demo test (or some)
   shaders          compile the shaders of vacua-gpu; with --check: prove that they are
   fuzz [SECONDS]   every fuzz target for so long (default 60); needs nightly and cargo-fuzz";
 
