@@ -162,7 +162,7 @@ fn fmt() -> Result<(), Failure> {
 fn deny() -> Result<(), Failure> {
     let cargo = cargo();
     if !succeeds(command(&cargo, &["deny", "--version"])) {
-        println!("xtask: cargo-deny is not installed; dependencies' licences were not checked");
+        eprintln!("xtask: cargo-deny is not installed; dependencies' licences were not checked");
         return Ok(());
     }
     let arguments = ["deny", "check", "licenses", "bans", "sources"];

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use vacua_render::contract::{RaySpace, SpanMinima};
 use vacua_skip::Axis;
 use vacua_volume::{
-    Association, CellMask, Geometry, Scalar, ScalarType, ValueMap, ValueRange, ValueScale, Volume,
+    Association, CellMask, Scalar, ScalarType, ValueMap, ValueRange, ValueScale, Volume,
     dispatch_scalar,
 };
 
@@ -115,11 +115,9 @@ impl DeviceVolume {
             what,
             device: device.name().to_owned(),
         };
-        let space = match &**volume.geometry() {
-            Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
-            Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
-            other => return Err(unsupported(format!("a {} grid", other.kind()))),
-        };
+        let geometry = volume.geometry();
+        let space = RaySpace::of_planes(geometry)
+            .ok_or_else(|| unsupported(format!("a texture of a {} grid", geometry.kind())))?;
         let scalars = volume.scalars();
         let range = scalars.range(0);
         let map = match (scale, range) {

@@ -22,11 +22,7 @@ fn volume_of(scene: &Scene) -> &Volume {
 /// The CPU's macrocells and mask.
 fn on_host(scene: &Scene, side: usize, integrator: Integrator) -> (Macrocells, ActiveMask) {
     let volume = volume_of(scene);
-    let space = match &**volume.geometry() {
-        Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
-        Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
-        other => panic!("no such grid here: {}", other.kind()),
-    };
+    let space = RaySpace::of_planes(volume.geometry()).expect("a grid between planes");
     let scalars = volume.scalars();
     let function = &scene.transfer_function;
     let range = scalars.range(0).expect("finite values");

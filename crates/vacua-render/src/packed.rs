@@ -1,7 +1,8 @@
-//! Packed unstructured meshes in the renderer: their ray space, strides, macrocells and sampler.
+//! Packed meshes in the renderer, unstructured ones and curvilinear grids: their ray space, strides,
+//! macrocells and sampler.
 //!
-//! Ray space is the mesh's own space, moved to its lower corner and scaled by a power of two, so that
-//! its unit cubes hold a few cells each; the cubes are what macrocells and strides are made of. A
+//! Ray space is the mesh's own space, moved to its lower corner and scaled, so that its unit cubes hold a
+//! few cells each; the cubes are what macrocells and strides are made of. A
 //! place in ray space becomes one of the mesh by one fused multiplication and addition, rounded
 //! once: that is where the sample is.
 
@@ -41,7 +42,7 @@ pub struct PackedCells {
     pub space: RaySpace,
     pub(crate) strides: Strides,
     volume: Arc<PackedVolume>,
-    /// Side of a lattice cube, a power of two.
+    /// Side of a lattice cube.
     cube: f32,
     /// Lower corner of the lattice, relative to the mesh's origin.
     corner: [f32; 3],
@@ -56,14 +57,23 @@ impl std::fmt::Debug for PackedCells {
     }
 }
 
+/// The mesh that the cells of a volume are; `None` if they lie between axis-aligned planes.
+pub(crate) fn mesh_of(volume: &Volume) -> Option<UnstructuredMesh> {
+    match &**volume.geometry() {
+        Geometry::Uniform(_) | Geometry::Rectilinear(_) => None,
+        Geometry::Curvilinear(grid) => {
+            let blanked_cells = volume.blanked_cells();
+            Some(UnstructuredMesh::of_curvilinear(grid, blanked_cells))
+        }
+        Geometry::Unstructured(mesh) => Some(mesh.clone()),
+    }
+}
+
 /// Encodes a mesh and the scalars of a volume.
 ///
 /// # Errors
 /// [`RenderError::Encode`] or [`RenderError::Field`] if it cannot be encoded.
-pub(crate) fn encoded(
-    mesh: &UnstructuredMesh,
-    volume: &Volume,
-) -> Result<Arc<PackedVolume>, RenderError> {
+fn encoded(mesh: &UnstructuredMesh, volume: &Volume) -> Result<Arc<PackedVolume>, RenderError> {
     let encoded = encode(mesh, EncodeOptions::default())?;
     let field = PackedField::pack(
         &encoded.mesh,
@@ -76,7 +86,8 @@ pub(crate) fn encoded(
 }
 
 impl PackedCells {
-    /// The cells of a scene's data, if it is a mesh; encoded here unless it is already.
+    /// The cells of a scene's data, if they lie otherwise than between axis-aligned planes; encoded here
+    /// unless they are already.
     ///
     /// # Errors
     /// [`RenderError::NoPositions`] if no cell is anywhere, [`RenderError::Encode`] or
@@ -84,9 +95,9 @@ impl PackedCells {
     pub fn of_data(data: &SceneData) -> Result<Option<Self>, RenderError> {
         let volume = match data {
             SceneData::Packed(volume) => volume.clone(),
-            SceneData::Volume(volume) => match &**volume.geometry() {
-                Geometry::Unstructured(mesh) => encoded(mesh, volume)?,
-                _ => return Ok(None),
+            SceneData::Volume(volume) => match mesh_of(volume) {
+                Some(mesh) => encoded(&mesh, volume)?,
+                None => return Ok(None),
             },
         };
         Self::new(volume).map(Some)
@@ -97,7 +108,7 @@ impl PackedCells {
         self.volume.field()
     }
 
-    /// Side of a unit cube of ray space in the mesh's own space, a power of two.
+    /// Side of a unit cube of ray space in the mesh's own space.
     pub fn cube(&self) -> f32 {
         self.cube
     }
@@ -137,21 +148,22 @@ impl PackedCells {
             return Err(RenderError::NoPositions);
         }
         let cube = cube_size(upper - lower, mesh.num_cells() as f64);
-        let counts = (upper - lower) / cube;
+        let counts = (upper - lower) / f64::from(cube);
         let axes = counts.to_array().map(|n| Axis::Unit {
             cells: (n.ceil() as usize).max(1),
         });
         let origin = DVec3::from(mesh.origin()) + lower;
-        let matrix = DMat3::from_diagonal(DVec3::splat(cube.recip()));
+        let side = f64::from(cube);
+        let matrix = DMat3::from_diagonal(DVec3::splat(side.recip()));
         let mut cells = Self {
             space: RaySpace {
-                ray_from_world: DAffine3::from_mat3_translation(matrix, -origin / cube),
+                ray_from_world: DAffine3::from_mat3_translation(matrix, -origin / side),
                 axes,
                 finest: DVec3::ONE,
             },
             strides: Strides::Constant,
             volume,
-            cube: cube as f32,
+            cube,
             corner: lo,
         };
         let (finest, strides) = cells.sizes()?;
@@ -298,16 +310,22 @@ impl PackedCells {
     }
 }
 
-/// Side of a lattice cube, a power of two: as small as leaves enough cells to a cube, and not too many
-/// cubes along an axis.
-fn cube_size(size: DVec3, num_cells: f64) -> f64 {
+/// Side of a lattice cube: as small as leaves enough cells to a cube, and not too many cubes along an
+/// axis. A part of the largest side, whatever its unit: the same mesh in metres and in nanometres has
+/// the same cubes.
+fn cube_size(size: DVec3, num_cells: f64) -> f32 {
     let largest = size.max_element();
     if largest <= 0.0 {
         return 1.0;
     }
-    let mut cube = (largest / MAX_CUBES).log2().ceil().exp2();
-    let cubes = |cube: f64| (size / cube).ceil().max(DVec3::ONE).element_product();
-    while cube < largest && cubes(cube) > (num_cells / CELLS_PER_CUBE).max(1.0) {
+    // A little more, so that rounding adds no cube.
+    let mut cube = (largest / MAX_CUBES * (1.0 + f64::from(f32::EPSILON))) as f32;
+    cube = cube.max(f32::MIN_POSITIVE);
+    let cubes = |cube: f32| {
+        let counts = (size / f64::from(cube)).ceil().max(DVec3::ONE);
+        counts.element_product()
+    };
+    while f64::from(cube) < largest && cubes(cube) > (num_cells / CELLS_PER_CUBE).max(1.0) {
         cube *= 2.0;
     }
     cube

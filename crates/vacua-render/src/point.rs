@@ -2,20 +2,15 @@
 //! prints, and an oracle for the samplers that render.
 //!
 //! The conventions are those of rendering: point data is trilinear in grids and isoparametric in
-//! the cells of meshes, cell data constant in a cell; nothing outside the grid, in blanked cells, and in cells with a corner that is not a finite
-//! number. Outer faces belong to the grid, give or take the rounding of coordinates.
+//! the cells of meshes, cell data constant in a cell; nothing outside the grid, in blanked cells, and
+//! in cells with a corner that is not a finite number. Outer faces belong to the grid, give or take the rounding of coordinates.
 
 use glam::{DMat3, DVec3};
 use vacua_pack::{MeshLocator, interpolate};
-use vacua_simd::{Float, LANES, Portable, Simd};
-use vacua_volume::{
-    Association, CurvilinearGrid, Geometry, MAX_CELL_POINTS, RectilinearGrid, UniformGrid, Volume,
-};
+use vacua_volume::{Association, Geometry, MAX_CELL_POINTS, RectilinearGrid, UniformGrid, Volume};
 
-use crate::celltree::{VisitCell, corner_points};
-use crate::curvilinear::CurvilinearCells;
 use crate::error::RenderError;
-use crate::hexahedron;
+use crate::packed::mesh_of;
 
 /// How far outside the grid a point may be, in units of the rounding of its coordinates.
 const FACE_TOLERANCE: f64 = 4.0 * f64::EPSILON;
@@ -35,8 +30,8 @@ enum Locator {
         index_from_offset: DMat3,
     },
     Rectilinear,
-    Curvilinear(Box<CurvilinearCells>),
-    Unstructured(Box<MeshLocator>),
+    /// For curvilinear grids, too.
+    Mesh(Box<MeshLocator>),
 }
 
 /// A cell, and where in it, in `[0, 1]` along each of its axes.
@@ -48,18 +43,19 @@ impl VolumeSampler {
     /// Cost: nothing but for curvilinear grids and meshes, whose cells are put in a hierarchy.
     ///
     /// # Errors
-    /// [`RenderError::NoPositions`] for a curvilinear grid of which no point is anywhere.
+    /// [`RenderError::NoPositions`] if no point of a curvilinear grid or mesh is anywhere.
     pub fn new(volume: &Volume) -> Result<Self, RenderError> {
-        let locator = match &**volume.geometry() {
-            Geometry::Uniform(grid) => Locator::Uniform {
+        let locator = match (&**volume.geometry(), mesh_of(volume)) {
+            (_, Some(mesh)) => {
+                if mesh.bounds().is_none() {
+                    return Err(RenderError::NoPositions);
+                }
+                Locator::Mesh(Box::new(MeshLocator::new(&mesh)))
+            }
+            (Geometry::Uniform(grid), None) => Locator::Uniform {
                 index_from_offset: grid.world_from_index().matrix3.inverse(),
             },
-            Geometry::Rectilinear(_) => Locator::Rectilinear,
-            Geometry::Curvilinear(grid) => {
-                let mask = volume.blanked_cells().map(|m| &**m);
-                Locator::Curvilinear(Box::new(CurvilinearCells::new(grid, mask)?))
-            }
-            Geometry::Unstructured(mesh) => Locator::Unstructured(Box::new(MeshLocator::new(mesh))),
+            (_, None) => Locator::Rectilinear,
         };
         Ok(Self {
             volume: volume.clone(),
@@ -74,10 +70,7 @@ impl VolumeSampler {
                 in_uniform(grid, index_from_offset, world)
             }
             (Geometry::Rectilinear(grid), _) => in_rectilinear(grid, world),
-            (Geometry::Curvilinear(grid), Locator::Curvilinear(cells)) => {
-                self.in_curvilinear(grid, cells, world)
-            }
-            (_, Locator::Unstructured(cells)) => return self.in_mesh(cells, world),
+            (_, Locator::Mesh(cells)) => return self.in_mesh(cells, world),
             _ => unreachable!("the locator was made for the geometry"),
         };
         let (cell, at) = place?;
@@ -131,52 +124,23 @@ impl VolumeSampler {
         let mask = self.volume.blanked_cells();
         mask.is_none_or(|mask| !mask.is_blank(number))
     }
-
-    /// The cell with the lowest number among those that contain a point.
-    fn in_curvilinear(
-        &self,
-        grid: &CurvilinearGrid,
-        cells: &CurvilinearCells,
-        world: DVec3,
-    ) -> Option<Place> {
-        let at = cells.space.ray_from_world.transform_point3(world);
-        let mut lowest = LowestExactly {
-            sampler: self,
-            grid,
-            world,
-            scale: cells.space.ray_from_world.matrix3.x_axis.x,
-            found: None,
-        };
-        let splat = |x: f64| <Portable as Simd>::F::from_array([x as f32; LANES]);
-        let at = [splat(at.x), splat(at.y), splat(at.z)];
-        cells.tree.visit::<Portable>(at, 1, &mut lowest);
-        lowest.found.map(|(_, place)| place)
-    }
 }
 
-/// The cell with the lowest number, by positions in `f64`.
-struct LowestExactly<'a> {
-    sampler: &'a VolumeSampler,
-    grid: &'a CurvilinearGrid,
-    world: DVec3,
-    /// Makes cells about 1 in size.
-    scale: f64,
-    found: Option<(usize, Place)>,
-}
-
-impl VisitCell for LowestExactly<'_> {
-    fn cell(&mut self, cell: [usize; 3], _lanes: u16) {
-        let number = self.sampler.number(cell);
-        let known = self.found.is_some_and(|(found, _)| found <= number);
-        if known || !self.sampler.is_seen(number) {
-            return;
-        }
-        let corners = corner_points(self.grid.points(), cell)
-            .map(|point| (self.grid.position(point) - self.world) * self.scale);
-        if let Some(at) = hexahedron::locate(&corners) {
-            self.found = Some((number, (cell, at)));
-        }
-    }
+/// Numbers of the points at a cell's corners, x fastest.
+fn corner_points([nx, ny, _]: [usize; 3], [x, y, z]: [usize; 3]) -> [usize; 8] {
+    let first = x + nx * (y + ny * z);
+    let slice = nx * ny;
+    [
+        0,
+        1,
+        nx,
+        nx + 1,
+        slice,
+        slice + 1,
+        slice + nx,
+        slice + nx + 1,
+    ]
+    .map(|step| first + step)
 }
 
 /// The cell of a point of a uniform grid.

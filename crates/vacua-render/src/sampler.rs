@@ -4,7 +4,7 @@
 //! is constant in a cell. A place whose cell has a corner that is not a finite number, or is
 //! blanked, has no value.
 
-use vacua_simd::{Float, Int, LANES, Mask, PlainF32, Simd, Voxel, WideMap, per_axis};
+use vacua_simd::{Float, Int, LANES, Mask, PlainF32, Simd, WideMap, per_axis};
 use vacua_skip::{Axis, locate_unit};
 use vacua_volume::{CellMask, DataArray, ScalarType};
 
@@ -97,21 +97,6 @@ impl<'a> Voxels<'a> {
     /// How many there are.
     pub fn len(&self) -> usize {
         with_voxels!(self, values => values.len())
-    }
-
-    /// Some numbers as rendering sees them.
-    ///
-    /// # Panics
-    /// If there is no such number.
-    #[inline(always)]
-    pub fn rendered<const N: usize>(&self, at: [usize; N], map: Option<WideMap>) -> [f32; N] {
-        let mut found = [0.0; N];
-        with_voxels!(self, values => {
-            for i in 0..N {
-                found[i] = values[at[i]].rendered(map);
-            }
-        });
-        found
     }
 }
 

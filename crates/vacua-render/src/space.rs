@@ -16,8 +16,17 @@ pub struct RaySpace {
 }
 
 impl RaySpace {
+    /// Ray space of a geometry whose cells lie between axis-aligned planes; `None` for others.
+    pub fn of_planes(geometry: &Geometry) -> Option<Self> {
+        match geometry {
+            Geometry::Uniform(grid) => Some(Self::of_uniform(grid)),
+            Geometry::Rectilinear(grid) => Some(Self::of_rectilinear(grid)),
+            Geometry::Curvilinear(_) | Geometry::Unstructured(_) => None,
+        }
+    }
+
     /// Ray space of a uniform grid is index space.
-    pub fn of_uniform(grid: &UniformGrid) -> Self {
+    fn of_uniform(grid: &UniformGrid) -> Self {
         Self {
             ray_from_world: grid.world_from_index().inverse(),
             axes: grid.points().map(|n| Axis::Unit { cells: n - 1 }),
@@ -27,7 +36,7 @@ impl RaySpace {
 
     /// Ray space of a rectilinear grid is the world, moved to the grid's middle so that its
     /// coordinates keep their digits in `f32`.
-    pub fn of_rectilinear(grid: &RectilinearGrid) -> Self {
+    fn of_rectilinear(grid: &RectilinearGrid) -> Self {
         let bounds = Geometry::Rectilinear(grid.clone()).bounds();
         let middle = bounds.center();
         let planes = |axis: usize| -> Vec<f32> {

@@ -9,14 +9,12 @@ use vacua_skip::{
     ActiveMask, Activity, BoxSkip, GridSkip, Lattice, Macrocells, MeshSkip, NoSkip, PointSource,
     Skipper,
 };
-use vacua_volume::{Geometry, TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale};
+use vacua_volume::{TransferFunction, TransferTable, ValueMap, ValueRange, ValueScale};
 
 use crate::blocks::Strides;
-use crate::curvilinear::{CellValues, CurvilinearCells};
 use crate::data::SceneData;
 use crate::error::RenderError;
-use crate::packed::{PackedCells, encoded};
-use crate::sampler::Voxels;
+use crate::packed::PackedCells;
 use crate::scene::{Integrator, SkipMethod};
 use crate::space::RaySpace;
 
@@ -26,9 +24,7 @@ pub(crate) struct VolumeStage {
     pub data: SceneData,
     pub scale: ValueScale,
     pub space: RaySpace,
-    /// Where the cells are, if not between axis-aligned planes.
-    pub curvilinear: Option<CurvilinearCells>,
-    /// The cells, if they are those of a mesh.
+    /// The cells, if they lie otherwise than between axis-aligned planes.
     pub packed: Option<PackedCells>,
     pub strides: Strides,
     /// Range of the finite values; `None` if there are none.
@@ -44,25 +40,12 @@ pub(crate) struct VolumeStage {
 impl VolumeStage {
     /// Prepares data for transfer functions of one scale.
     pub fn new(data: SceneData, scale: ValueScale) -> Result<Self, RenderError> {
-        let (mut curvilinear, mut packed) = (None, None);
-        let space = match &data {
-            SceneData::Volume(volume) => match &**volume.geometry() {
-                Geometry::Uniform(grid) => RaySpace::of_uniform(grid),
-                Geometry::Rectilinear(grid) => RaySpace::of_rectilinear(grid),
-                Geometry::Curvilinear(grid) => {
-                    let cells = CurvilinearCells::new(grid, data.blanked_cells())?;
-                    curvilinear.insert(cells).space.clone()
-                }
-                Geometry::Unstructured(mesh) => {
-                    let cells = PackedCells::new(encoded(mesh, volume)?)?;
-                    packed.insert(cells).space.clone()
-                }
-            },
-            SceneData::Packed(mesh) => {
-                let cells = PackedCells::new(mesh.clone())?;
-                packed.insert(cells).space.clone()
-            }
+        let packed = PackedCells::of_data(&data)?;
+        let space = match &packed {
+            Some(cells) => Some(cells.space.clone()),
+            None => data.geometry().and_then(RaySpace::of_planes),
         };
+        let space = space.ok_or(RenderError::NoPositions)?;
         let profile = data.scalars().profile(0);
         let range = profile.range;
         let map = match (scale, range) {
@@ -71,17 +54,15 @@ impl VolumeStage {
             }
             _ => ValueMap::IDENTITY,
         };
-        let strides = match (&curvilinear, &packed) {
-            (Some(cells), _) => cells.strides()?,
-            (None, Some(cells)) => cells.strides.clone(),
-            (None, None) => Strides::new(&space.axes, space.finest.to_array()),
+        let strides = match &packed {
+            Some(cells) => cells.strides.clone(),
+            None => Strides::new(&space.axes, space.finest.to_array()),
         };
         let macrocells = BTreeMap::new();
         Ok(Self {
             data,
             scale,
             space,
-            curvilinear,
             packed,
             strides,
             range,
@@ -107,10 +88,6 @@ impl VolumeStage {
             Some((finer, cells)) => cells.coarser(side / finer)?,
             None => {
                 let lattice = Lattice::new(self.space.axes.clone(), side)?;
-                if let Some(cells) = &self.curvilinear {
-                    let cells = Arc::new(cells.macrocells(lattice, &self.cell_values()));
-                    return Ok(self.keep(side, cells, start));
-                }
                 if let Some(cells) = &self.packed {
                     let cells = Arc::new(cells.macrocells(lattice, self.map));
                     return Ok(self.keep(side, cells, start));
@@ -141,16 +118,6 @@ impl VolumeStage {
             offset: self.map.offset,
             factor: self.map.factor,
         })
-    }
-
-    /// The values as samplers of single cells take them.
-    pub fn cell_values(&self) -> CellValues<'_> {
-        CellValues {
-            voxels: Voxels::of(self.data.scalars(), self.plain),
-            association: self.data.association(),
-            map: self.wide_map(),
-            blanked_cells: self.data.blanked_cells(),
-        }
     }
 
     /// Bytes of all macrocells.

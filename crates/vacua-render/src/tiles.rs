@@ -9,7 +9,6 @@ use vacua_skip::{Lattice, Skipper};
 use vacua_volume::{Association, TransferTable};
 
 use crate::blocks::{Partition, Strides};
-use crate::curvilinear::CurvilinearSampler;
 use crate::frame::Frame;
 use crate::march::{Composite, Composited, Largest, Maximum, RayResult};
 use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
@@ -40,11 +39,6 @@ pub(crate) struct Pass<'a> {
 /// Renders all rays of a pass into a frame.
 pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Frame) {
     let scalars = volume.data.scalars();
-    if let Some(cells) = &volume.curvilinear {
-        let values = volume.cell_values();
-        bands(pass, &CurvilinearSampler { cells, values }, frame);
-        return;
-    }
     let map = volume.wide_map();
     if let Some(cells) = &volume.packed {
         bands(pass, &cells.sampler(map), frame);

@@ -12,6 +12,7 @@ mod color_space;
 mod dataset;
 mod field;
 mod grid;
+mod lattice_mesh;
 mod mesh;
 pub mod presets;
 mod range;
