@@ -356,11 +356,8 @@ fn row(
 ) -> Result<Row, BenchError> {
     let first = gpu.render(scene, settings)?;
     let ranges_secs = gpu.timings().secs("ranges");
-    let mut march = Vec::new();
-    for _ in 0..repeats {
-        gpu.render(scene, settings)?;
-        march.push(gpu.timings().secs("march"));
-    }
+    let marches = gpu.measure(scene, settings, repeats)?;
+    let march = marches.iter().map(Timings::rays_secs).collect();
     let (mut stages, mut wall) = (Vec::new(), Vec::new());
     if settings.skip != SkipMethod::None {
         let looks = [

@@ -53,7 +53,7 @@ pub(crate) fn measure(scene: &Scene, options: &GpuOptions) -> Result<Vec<GroupRo
             let (mut frames, mut marches) = (Vec::new(), Vec::new());
             for _ in 0..options.repeats {
                 frames.push(group.render(scene, &settings)?.report.frame_secs);
-                let march = |t: &Timings| t.secs("march");
+                let march = Timings::rays_secs;
                 let of_members = group.members().iter().map(|g| march(g.timings()));
                 marches.push(of_members.fold(0.0, f64::max));
             }

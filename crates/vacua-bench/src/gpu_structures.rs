@@ -104,7 +104,7 @@ pub(crate) fn measure(
                 lower_secs: of(&["blas", "refit"]),
                 compact_secs: of(&["compact"]),
                 upper_secs: of(&["tlas"]),
-                march_secs: of(&["march"]),
+                march_secs: of(&["find", "march"]),
             });
         }
         gpu.set_structures(StructureOptions::default());

@@ -50,13 +50,6 @@ void maximise(inout Pixel pixel, float k, float value) {
     }
 }
 
-// Rows of the picture that this device makes: bands of as many rows as a workgroup, dealt out in
-// turn to the devices that share a picture.
-uint global_row(uint row) {
-    uint share = parameters.picture.w;
-    return ((row / 16u) * (share >> 16) + (share & 0xffffu)) * 16u + row % 16u;
-}
-
 // Writes a pixel, or adds it to the frames before; `row` is one of this device's own.
 void store(Pixel pixel, uvec2 at, uint row, float dt, float t_start) {
     vec4 rgba = vec4(pixel.color, 1.0 - pixel.transmittance);

@@ -1,6 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel, by `none` and by `grid`: a walk over the distance map.
+// One ray a pixel: samples all of it, or the runs that another shader found.
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #include "shared.glsl"
 #include "lattice.glsl"
@@ -10,9 +10,10 @@
 #include "sample.glsl"
 #include "light.glsl"
 #include "tile.glsl"
+#include "table_shared.glsl"
 #include "composite.glsl"
-#include "walk.glsl"
-#include "skip_grid.glsl"
+#include "runs.glsl"
+#include "read_runs.glsl"
 #include "march.glsl"
 
 void main() {

@@ -68,7 +68,7 @@ uint level_of(Ray ray, vec3 rates, uint k) {
 // walks while others sample.
 void march(inout Pixel pixel, Ray ray) {
     float termination = parameters.box_hi.w;
-    float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
+    precise float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
     vec3 rates = vec3(0.0);
     if (RECTILINEAR) {
         rates = ray.step / vec3(

@@ -1,20 +1,16 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel, by `mesh`, where compute shaders may ask acceleration structures themselves.
-#extension GL_KHR_shader_subgroup_arithmetic : require
+// Where rays meet what is active, by `mesh`, where compute shaders may ask acceleration structures
+// themselves.
 #extension GL_EXT_ray_query : require
 #include "shared.glsl"
 #include "lattice.glsl"
-#include "table.glsl"
-#include "volume.glsl"
 #include "ray.glsl"
-#include "sample.glsl"
-#include "light.glsl"
 #include "tile.glsl"
-#include "composite.glsl"
+#include "runs.glsl"
 #include "hit.glsl"
 #include "skip_mesh.glsl"
-#include "march.glsl"
+#include "find.glsl"
 
 layout(set = 0, binding = 2) uniform accelerationStructureEXT scene;
 
@@ -34,6 +30,5 @@ Hit first_hit(vec3 origin, float t_min, vec3 direction, float t_max, bool from_i
 }
 
 void main() {
-    bring_table();
-    make_pixel(own_pixel());
+    find_pixel(own_pixel());
 }

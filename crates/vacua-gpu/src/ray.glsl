@@ -2,7 +2,9 @@
 // is at fma(k, step, start) on each axis, which decides its cell and macrocell for all methods.
 //
 // In `f64` is only what far cameras need: how many steps lie between the camera and the ray's anchor
-// near the volume. The rest starts from the anchor and keeps its digits in `f32`.
+// near the volume. The rest starts from the anchor and keeps its digits in `f32`. All of it is `precise`:
+// one shader finds where a ray meets what is active, another one samples it, and both must number its
+// samples alike whatever their compiler would make of them.
 
 struct Ray {
     vec3 start;
@@ -98,15 +100,17 @@ Ray ray_of(uvec2 pixel) {
     );
     vec3 squares = parameters.length_sq.xyz;
     precise float length_sq = fma(fx * fx, squares.y, fma(fy * fy, squares.z, squares.x));
-    float world_length = sqrt(length_sq);
-    float scale = parameters.box_lo.w / float(speed);
+    precise float world_length = sqrt(length_sq);
+    precise float scale = parameters.box_lo.w / float(speed);
     precise vec3 step = direction * scale;
+    precise float dt = world_length * scale;
     ray.step = step;
     ray.direction = direction / world_length;
-    ray.dt = world_length * scale;
+    ray.dt = dt;
     // Where the box is, in samples from the anchor.
-    float enter = -LARGEST;
-    float leave = LARGEST;
+    precise vec3 inverse = 1.0 / step;
+    precise float enter = -LARGEST;
+    precise float leave = LARGEST;
     for (int a = 0; a < 3; ++a) {
         float lo = parameters.box_lo[a];
         float hi = parameters.box_hi[a];
@@ -114,18 +118,18 @@ Ray ray_of(uvec2 pixel) {
             if (anchor[a] < lo || anchor[a] > hi) return ray;
             continue;
         }
-        float p = (lo - anchor[a]) / step[a];
-        float q = (hi - anchor[a]) / step[a];
+        float p = (lo - anchor[a]) * inverse[a];
+        float q = (hi - anchor[a]) * inverse[a];
         enter = max(enter, min(p, q));
         leave = min(leave, max(p, q));
     }
     // Rays that graze the box may still have a sample whose computed position lies in it.
-    float slack = 2.0 + 1e-5 * (abs(enter) + abs(leave));
+    precise float slack = 2.0 + 1e-5 * (abs(enter) + abs(leave));
     if (enter > leave + slack || anchor_sample + double(leave + slack) < 0.0) return ray;
     float jitter = 0.0;
     if (push.jitter >= 0.0) jitter = fract(interleave(pixel) + push.jitter);
-    double entered = max(anchor_sample + double(enter - slack), 0.0);
-    double base = floor(entered / double(ALIGNMENT)) * double(ALIGNMENT);
+    precise double entered = max(anchor_sample + double(enter - slack), 0.0);
+    precise double base = floor(entered / double(ALIGNMENT)) * double(ALIGNMENT);
     precise double from_anchor = base + double(jitter) - anchor_sample;
     precise vec3 start = fma(vec3(float(from_anchor)), step, anchor);
     ray.start = start;
@@ -143,4 +147,11 @@ Ray ray_of(uvec2 pixel) {
         if (rise == 0.0 && height < 0.0) ray.end = 0;
     }
     return ray;
+}
+
+// Rows of the picture that this device makes: bands of as many rows as a workgroup, dealt out in
+// turn to the devices that share a picture.
+uint global_row(uint row) {
+    uint share = parameters.picture.w;
+    return ((row / 16u) * (share >> 16) + (share & 0xffffu)) * 16u + row % 16u;
 }

@@ -6,13 +6,18 @@
 //! shapes first.
 
 mod auto;
+mod finder;
+mod inspect;
 mod job;
 mod mesh;
+mod options;
 mod outline;
 mod pipelines;
 mod submit;
 
+pub use inspect::Boundary;
 pub use mesh::MeshSample;
+pub use options::{GpuOptions, StructureOptions, Tracer};
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,7 +28,6 @@ use vacua_render::{
     Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene, SceneData,
     SkipMethod,
 };
-use vacua_skip::Quad;
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
 use self::job::SkipKey;
@@ -33,12 +37,12 @@ use self::pipelines::Pipelines;
 use crate::error::GpuError;
 use crate::frame::{Picture, blank};
 use crate::mesh::DeviceMesh;
-use crate::shared::{FACE_NUMBERS, FACE_WORDS, Parameters, TILE};
+use crate::shared::{Parameters, TILE};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
 use crate::volume::{DeviceVolume, ImageLimits};
 use crate::vulkan::{
-    Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Preference, Timings,
+    Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings,
 };
 
 /// Macrocell side where nothing else is asked for or measured.
@@ -58,59 +62,6 @@ const OF_SKIPPER: [&str; 8] = [
 
 /// Frames that are summed in one submission.
 const FRAMES_AT_ONCE: u32 = 16;
-
-/// How rays are traced against acceleration structures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Tracer {
-    /// By a ray tracing pipeline, as the paper does it.
-    Pipeline,
-    /// By compute shaders that ask the structures.
-    Query,
-}
-
-/// How acceleration structures are made (paper A §4.2.3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StructureOptions {
-    /// What they are built for.
-    pub preference: Preference,
-    /// Whether those over the boundary are copied to where they take less memory.
-    pub compact: bool,
-    /// Whether after an edit the shapes are moved instead of built anew, as long as they fit.
-    pub refit: bool,
-}
-
-/// How the renderer works; pictures do not depend on it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GpuOptions {
-    /// Farthest distance in the distance map, in macrocells, 1 to 255; 1 makes it a plain mask.
-    pub reach: u8,
-    /// Slices an image may have, if fewer than the device allows.
-    pub max_layers: Option<u32>,
-    /// How rays are traced by `mesh`; on a pipeline, where there is one, if not given.
-    pub tracer: Option<Tracer>,
-    /// How acceleration structures are made.
-    pub structures: StructureOptions,
-    /// Pictures of fewer pixels are not worth measuring for `auto`.
-    pub least_pixels: usize,
-    /// Bytes a part of a packed mesh may have in one buffer, if fewer than the device allows.
-    pub max_buffer_bytes: Option<u64>,
-    /// Whether the rays of a subgroup search a packed mesh together.
-    pub together: bool,
-}
-
-impl Default for GpuOptions {
-    fn default() -> Self {
-        Self {
-            reach: 16,
-            max_layers: None,
-            tracer: None,
-            structures: StructureOptions::default(),
-            least_pixels: 1 << 18,
-            max_buffer_bytes: None,
-            together: true,
-        }
-    }
-}
 
 /// The part of a picture that a device makes: bands of rows, dealt out in turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,6 +100,8 @@ pub struct GpuRenderer {
     outline: Option<Outline>,
     outline_is_current: bool,
     face_counts: Option<Buffer>,
+    /// Where rays meet what is active, of the last picture's size at least.
+    runs: Option<Buffer>,
     share: Share,
     choice: Option<(auto::Wanted, auto::Choice)>,
     /// Whether the choice is known to suit the transfer function.
@@ -184,9 +137,6 @@ struct Tables {
     /// What shaders left in the header of the mesh.
     mesh_header: Buffer,
 }
-
-/// Faces of the boundary, and the corners of the two triangles of each.
-pub type Boundary = (Vec<Quad>, Vec<[[f32; 3]; 6]>);
 
 /// How a picture is made, once all is settled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -243,6 +193,7 @@ impl GpuRenderer {
             outline: None,
             outline_is_current: false,
             face_counts: None,
+            runs: None,
             share: Share::WHOLE,
             choice: None,
             choice_is_reviewed: false,
@@ -306,107 +257,39 @@ impl GpuRenderer {
     }
 
     /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`,
-    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `march` once a
-    /// ray a pixel, `copy`; and on the host `cluster`.
+    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `find` (where rays
+    /// meet what is active) and `march` once a ray a pixel, `copy`; and on the host `cluster`.
     pub fn timings(&self) -> &Timings {
         &self.timings
+    }
+
+    /// What the stages of a picture take on the device, several times, one right after the other: nothing
+    /// is sent back in between, so that the device does not rest. What is out of date is redone first.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`].
+    pub fn measure(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        repeats: usize,
+    ) -> Result<Vec<Timings>, RenderError> {
+        const TO_SETTLE: usize = 3;
+        let mut report = self.begin(scene, settings)?;
+        let plan = self.plan(scene, settings, &mut report)?;
+        let mut found = Vec::new();
+        for i in 0..repeats + TO_SETTLE {
+            // More frames are to come, so that nothing is sent back.
+            let timings = self.submit(scene, settings, plan, 0..1, 2)?;
+            found.extend((i >= TO_SETTLE).then_some(timings));
+        }
+        Ok(found)
     }
 
     /// Bytes of the voxels, or of the packed mesh, on the device.
     pub fn volume_bytes(&self) -> u64 {
         let mesh = self.mesh.as_ref().map_or(0, |m| m.bytes.total());
         mesh + self.volume.as_ref().map_or(0, DeviceVolume::size_bytes)
-    }
-
-    /// The ranges of macrocells of a size as the device has them, for tests: lower and upper ends;
-    /// `None` if they were never needed.
-    ///
-    /// # Errors
-    /// What the driver says.
-    pub fn ranges(&mut self, side: usize) -> Result<Option<Vec<[f32; 2]>>, GpuError> {
-        let Some(cells) = self.macrocells.get(&side).filter(|m| m.is_ready) else {
-            return Ok(None);
-        };
-        let len = 8 * cells.len() as usize;
-        let bytes = self.read(&side, |m| &m.ranges, len)?;
-        Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
-    }
-
-    /// The distance map of the last picture that was made with one, as the device has it, for tests.
-    ///
-    /// # Errors
-    /// What the driver says.
-    pub fn distances(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(SkipKey { side, .. }) = self.skip.filter(|_| self.has_distances) else {
-            return Ok(None);
-        };
-        let len = self.macrocells.get(&side).map_or(0, DeviceMacrocells::len);
-        Ok(Some(self.read(&side, |m| &m.maps[1], len as usize)?))
-    }
-
-    /// Which macrocells are active, as the device has it, for tests.
-    ///
-    /// # Errors
-    /// What the driver says.
-    pub fn active(&mut self) -> Result<Option<Vec<bool>>, GpuError> {
-        let Some(SkipKey { side, .. }) = self.skip else {
-            return Ok(None);
-        };
-        let len = self.macrocells.get(&side).map_or(0, DeviceMacrocells::len);
-        let map = self.read(&side, |m| &m.maps[0], len as usize)?;
-        Ok(Some(map.iter().map(|&distance| distance == 0).collect()))
-    }
-
-    /// The boundary of the last picture by `mesh` as the device has it, for tests: its faces, and
-    /// the corners of their triangles.
-    ///
-    /// # Errors
-    /// What the driver says.
-    pub fn boundary(&mut self) -> Result<Option<Boundary>, GpuError> {
-        let outline = self.outline.as_ref();
-        let Some(outline) = outline.filter(|o| o.method() == SkipMethod::Mesh) else {
-            return Ok(None);
-        };
-        let num = outline.num as usize;
-        let words = download(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            (&outline.faces, 4 * FACE_WORDS as usize * num),
-        )?;
-        let corners = download(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            (&outline.corners, 4 * FACE_NUMBERS as usize * num),
-        )?;
-        let words: Vec<u32> = bytemuck::pod_collect_to_vec(&words);
-        let quad = |face: &[u32]| Quad {
-            axis: (face[0] & 3) as u8,
-            faces_up: face[0] >> 2 & 1 == 1,
-            plane: face[0] >> 3,
-            at: [face[1], face[2]],
-        };
-        let faces = words.chunks_exact(FACE_WORDS as usize).map(quad).collect();
-        let triangles = bytemuck::pod_collect_to_vec(&corners);
-        Ok(Some((faces, triangles)))
-    }
-
-    fn read(
-        &mut self,
-        side: &usize,
-        buffer: impl Fn(&DeviceMacrocells) -> &Buffer,
-        len: usize,
-    ) -> Result<Vec<u8>, GpuError> {
-        let Some(cells) = self.macrocells.get(side) else {
-            return Ok(Vec::new());
-        };
-        download(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            (buffer(cells), len),
-        )
     }
 
     fn make(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Rendering, GpuError> {
@@ -618,20 +501,4 @@ impl Renderer for GpuRenderer {
     ) -> Result<Rendering, RenderError> {
         Ok(self.make(scene, settings)?)
     }
-}
-
-/// The first bytes of a buffer.
-fn download(
-    device: &Arc<Device>,
-    commands: &mut Commands,
-    layout: &Layout,
-    (from, len): (&Buffer, usize),
-) -> Result<Vec<u8>, GpuError> {
-    let to = Buffer::new(device, "reading", from.size_bytes(), Place::Download)?;
-    commands.run(layout, |recorder| {
-        recorder.copy(from, &to, 0, from.size_bytes());
-        recorder.barrier();
-        Ok(())
-    })?;
-    Ok(to.bytes()[..len].to_vec())
 }

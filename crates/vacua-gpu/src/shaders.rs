@@ -24,13 +24,17 @@ shaders! {
     BOUNDARY_SCAN = "boundary_scan";
     /// The boundary's faces and triangles.
     BOUNDARY_WRITE = "boundary_write";
-    /// The picture, by `none` and `grid`.
-    MARCH = "march";
-    /// The picture, by `mesh` through ray queries.
+    /// Where rays meet what is active, by `grid`.
+    GRID = "grid";
+    /// The same by `mesh` through ray queries.
     QUERY = "query";
-    /// The picture, by `mesh` on a ray tracing pipeline.
+    /// The picture.
+    MARCH = "march";
+    /// The boundary of what is active, over the picture.
+    OVERLAY = "overlay";
+    /// Where rays meet what is active, by `mesh` on a ray tracing pipeline.
     MESH_GENERATION = "mesh.rgen";
-    /// The picture, by `boxes` on a ray tracing pipeline.
+    /// The same by `boxes`.
     BOXES_GENERATION = "boxes.rgen";
     /// Where a ray enters a box.
     BOXES_INTERSECTION = "boxes.rint";

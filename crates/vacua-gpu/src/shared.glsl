@@ -113,6 +113,8 @@ layout(push_constant, std430) uniform Push {
     Quads rgba;
     Numbers depth;
     Words samples;
+    // Where rays meet what is active, as `runs.comp` found it.
+    Words runs;
     // Where in the pixel rays go through.
     vec2 offset;
     // Part of a step that samples are shifted by, below 0 for none; factor on the sum of frames, 0

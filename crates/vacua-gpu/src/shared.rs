@@ -9,6 +9,9 @@ pub(crate) const MAX_SLABS: usize = 16;
 /// Side of the square of pixels that a workgroup of the march makes.
 pub(crate) const TILE: u32 = 16;
 
+/// Runs of samples that a ray may have.
+pub(crate) const MAX_RUNS: u32 = 8;
+
 /// Invocations of a workgroup that works on macrocells, four to each.
 pub(crate) const GROUP: u32 = 256;
 
@@ -83,6 +86,7 @@ pub(crate) struct Push {
     pub rgba: u64,
     pub depth: u64,
     pub samples: u64,
+    pub runs: u64,
     pub offset: [f32; 2],
     pub jitter: f32,
     pub weight: f32,

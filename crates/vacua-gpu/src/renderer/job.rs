@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use vacua_render::contract::pixel_offset;
 use vacua_render::contract::{GOLDEN, LIGHT};
-use vacua_render::{Integrator, Jitter, RenderError, RenderSettings, Scene, SkipMethod};
+use vacua_render::{
+    Integrator, Jitter, Overlay, RenderError, RenderSettings, Scene, SkipMethod,
+};
 use vacua_skip::Lattice;
 
 use super::pipelines::{Shader, Special, special, special_of};
@@ -33,6 +35,8 @@ pub(super) struct Job {
     pub special: Special,
     pub key: SkipKey,
     pub lattice: Lattice,
+    /// Whether anything asks which macrocells are active.
+    pub uses_mask: bool,
 }
 
 /// What must be redone before rays march, and by which pipelines.
@@ -70,6 +74,7 @@ impl GpuRenderer {
             (None, None) => return Ok(None),
         };
         let is_skipping = plan.method != SkipMethod::None;
+        let uses_mask = is_skipping || settings.overlay != Overlay::None;
         let lattice = Lattice::new(space.axes.clone(), plan.side)
             .map_err(|e| GpuError::Render(RenderError::Lattice(e)))?;
         let mut parameters = Parameters::default();
@@ -87,7 +92,7 @@ impl GpuRenderer {
         }
         parameters.picture[2] = u32::from(self.options.reach.max(1));
         parameters.picture[3] = self.share.bits();
-        if is_skipping && !self.macrocells.contains_key(&plan.side) {
+        if uses_mask && !self.macrocells.contains_key(&plan.side) {
             let mut cells = DeviceMacrocells::new(&self.device, &lattice)?;
             if let Some(mesh) = &self.mesh {
                 let macrocells = mesh.cells.macrocells(lattice.clone(), mesh.map);
@@ -103,7 +108,7 @@ impl GpuRenderer {
         if let Some(mesh) = &self.mesh {
             push.planes = mesh.header.address();
         }
-        if let Some(cells) = self.macrocells.get(&plan.side).filter(|_| is_skipping) {
+        if let Some(cells) = self.macrocells.get(&plan.side).filter(|_| uses_mask) {
             push.ranges = cells.ranges.address();
             // The map after all passes, or, where rays are traced, the mask before them.
             let is_walk = plan.method == SkipMethod::Grid;
@@ -122,17 +127,17 @@ impl GpuRenderer {
                 integrator: settings.integrator,
             },
             lattice,
+            uses_mask,
         }))
     }
 
     /// What is out of date.
     pub(super) fn steps(&mut self, job: &Job, plan: Plan) -> Result<Steps, GpuError> {
         let is_walk = plan.method == SkipMethod::Grid;
-        let is_skipping = plan.method != SkipMethod::None;
-        let cells = self.macrocells.get(&plan.side).filter(|_| is_skipping);
+        let cells = self.macrocells.get(&plan.side).filter(|_| job.uses_mask);
         let wants_ranges = cells.is_some_and(|m| !m.is_ready);
         let is_classified = self.skip == Some(job.key) && (self.has_distances || !is_walk);
-        let wants_mask = is_skipping && !is_classified;
+        let wants_mask = job.uses_mask && !is_classified;
         let mut get = |shader| self.pipelines.get(&self.layout, shader, job.special);
         Ok(Steps {
             sends_table: self.look.as_ref().is_some_and(|l| !l.is_sent),

@@ -21,22 +21,11 @@ pub(super) enum Shader {
     BoundaryCount,
     BoundaryScan,
     BoundaryWrite,
-    March,
+    Grid,
     Query,
+    March,
+    Overlay,
 }
-
-/// All constants that pictures depend on.
-const OF_PICTURES: &[u32] = &[
-    constant::SKIPPING,
-    constant::CELL_DATA,
-    constant::CHECK_FINITE,
-    constant::LOG_SCALE,
-    constant::SHADED,
-    constant::MAXIMUM,
-    constant::BLANKED,
-    constant::RECTILINEAR,
-    constant::NUM_SLABS,
-];
 
 impl Shader {
     fn spirv(self) -> &'static [u8] {
@@ -47,8 +36,10 @@ impl Shader {
             Self::BoundaryCount => shaders::BOUNDARY_COUNT,
             Self::BoundaryScan => shaders::BOUNDARY_SCAN,
             Self::BoundaryWrite => shaders::BOUNDARY_WRITE,
-            Self::March => shaders::MARCH,
+            Self::Grid => shaders::GRID,
             Self::Query => shaders::QUERY,
+            Self::March => shaders::MARCH,
+            Self::Overlay => shaders::OVERLAY,
         }
     }
 
@@ -59,8 +50,18 @@ impl Shader {
             Self::Ranges => &[CELL_DATA, CHECK_FINITE, BLANKED, NUM_SLABS],
             Self::Classify => &[LOG_SCALE, MAXIMUM],
             Self::Distance | Self::BoundaryCount | Self::BoundaryScan => &[],
-            Self::BoundaryWrite => &[RECTILINEAR],
-            Self::March | Self::Query => OF_PICTURES,
+            Self::BoundaryWrite | Self::Grid | Self::Query | Self::Overlay => &[RECTILINEAR],
+            Self::March => &[
+                SKIPPING,
+                CELL_DATA,
+                CHECK_FINITE,
+                LOG_SCALE,
+                SHADED,
+                MAXIMUM,
+                BLANKED,
+                RECTILINEAR,
+                NUM_SLABS,
+            ],
         }
     }
 }
@@ -149,7 +150,7 @@ impl Pipelines {
         met: Met,
         special: Special,
     ) -> Result<Arc<RayPipeline>, GpuError> {
-        let key = (met, constants(OF_PICTURES, special));
+        let key = (met, constants(&[constant::RECTILINEAR], special));
         if let Some(found) = self.rays.get(&key) {
             return Ok(found.clone());
         }

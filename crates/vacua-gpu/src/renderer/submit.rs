@@ -6,30 +6,26 @@ use std::sync::Arc;
 use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 
 use super::job::{Preparation, pass};
+use super::finder::tiles;
 use super::mesh::Subgroups;
-use super::pipelines::{Met, Shader};
+use super::pipelines::Shader;
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
-use crate::shared::{Push, TILE};
-use crate::vulkan::{ComputePipeline, RayPipeline, Recorder, Timings};
+use crate::shared::Push;
+use crate::vulkan::{ComputePipeline, Recorder, Timings};
 
 /// What makes the pixels.
 enum Marcher {
-    Compute(Arc<ComputePipeline>),
-    Rays(Arc<RayPipeline>),
+    Voxels(Arc<ComputePipeline>),
     Mesh(Arc<ComputePipeline>, Subgroups),
 }
 
 impl Marcher {
-    fn record(&self, recorder: &Recorder<'_>, push: &Push, [width, rows]: [u32; 2]) {
+    fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
         match self {
-            Self::Compute(pipeline) => {
-                let groups = [width.div_ceil(TILE), rows.div_ceil(TILE), 1];
-                recorder.dispatch(pipeline, push, groups);
-            }
-            Self::Rays(pipeline) => recorder.trace(pipeline, push, [width, rows]),
+            Self::Voxels(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
             Self::Mesh(pipeline, subgroups) => {
-                recorder.dispatch(pipeline, push, subgroups.tiles(width, rows));
+                recorder.dispatch(pipeline, push, subgroups.tiles(size[0], size[1]));
             }
         }
     }
@@ -47,9 +43,6 @@ impl GpuRenderer {
         num_frames: u32,
     ) -> Result<Timings, GpuError> {
         let mut timings = Timings::default();
-        if settings.overlay != Overlay::None {
-            return Err(self.unsupported("--overlay"));
-        }
         let tracer = self.tracer_of(plan)?;
         let Some(mut job) = self.job(scene, settings, plan)? else {
             return Ok(timings);
@@ -59,24 +52,19 @@ impl GpuRenderer {
             None => None,
         };
         let steps = self.steps(&job, plan)?;
-        let marcher = match (tracer, plan.method) {
-            _ if self.mesh.is_some() => {
-                let (pipeline, subgroups) = self.mesh_marcher(job.special)?;
-                Marcher::Mesh(pipeline, subgroups)
-            }
-            (Some(Tracer::Pipeline), SkipMethod::Boxes) => {
-                Marcher::Rays(self.pipelines.rays(&self.layout, Met::Boxes, job.special)?)
-            }
-            (Some(Tracer::Pipeline), _) => {
-                Marcher::Rays(self.pipelines.rays(&self.layout, Met::Mesh, job.special)?)
-            }
-            (tracer, _) => {
-                let shader = if tracer.is_some() {
-                    Shader::Query
-                } else {
-                    Shader::March
-                };
-                Marcher::Compute(self.pipelines.get(&self.layout, shader, job.special)?)
+        let finder = self.finder(&mut job, plan, tracer)?;
+        let marcher = if self.mesh.is_some() {
+            let (pipeline, subgroups) = self.mesh_marcher(job.special)?;
+            Marcher::Mesh(pipeline, subgroups)
+        } else {
+            let get = self.pipelines.get(&self.layout, Shader::March, job.special);
+            Marcher::Voxels(get?)
+        };
+        let overlay = match settings.overlay {
+            Overlay::None => None,
+            Overlay::Boundary => {
+                let get = self.pipelines.get(&self.layout, Shader::Overlay, job.special);
+                Some(get?)
             }
         };
         let write = match &pending {
@@ -97,7 +85,7 @@ impl GpuRenderer {
             steps: &steps,
             tables,
             table: &look.table,
-            cells: self.macrocells.get(&plan.side).filter(|_| is_skipping),
+            cells: self.macrocells.get(&plan.side).filter(|_| job.uses_mask),
         };
         let size = [picture.width as u32, picture.rows as u32];
         let is_empty = picture.width * picture.rows == 0;
@@ -111,7 +99,13 @@ impl GpuRenderer {
             }
             for frame in frames.filter(|_| !is_empty) {
                 let push = pass(job.push, settings, frame, num_frames);
+                if let Some(finder) = &finder {
+                    recorder.stage("find", |r| finder.record(r, &push, size));
+                }
                 recorder.stage("march", |r| marcher.record(r, &push, size));
+            }
+            if let Some(overlay) = overlay.as_ref().filter(|_| is_last && !is_empty) {
+                recorder.stage("overlay", |r| r.dispatch(overlay, &job.push, tiles(size)));
             }
             if is_last {
                 recorder.stage("copy", |r| picture.send(r));

@@ -161,6 +161,7 @@ fn push() -> Members {
         rgba,
         depth,
         samples,
+        runs,
         offset,
         jitter,
         weight,
@@ -333,6 +334,9 @@ fn both_sides_agree_on_constants() {
     assert!(boundary.contains("POINTS_EACH = 8;"));
     assert!(boundary.contains("POINTS_A_GROUP = 256 * POINTS_EACH;"));
     assert_eq!(POINTS_A_GROUP, 8 * 256);
+    let runs = include_str!("../runs.glsl");
+    assert!(runs.contains(&format!("MAX_RUNS = {MAX_RUNS};")));
+    assert!(runs.contains(&format!("RUN_STRIDE = {};", TILE * TILE)));
     for (id, name) in [
         (constant::SKIPPING, "SKIPPING"),
         (constant::CELL_DATA, "CELL_DATA"),

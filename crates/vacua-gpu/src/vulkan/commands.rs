@@ -22,6 +22,11 @@ impl Timings {
         of_stage.map(|(_, secs)| secs).sum()
     }
 
+    /// Seconds that rays took: to find what is active, and to sample it.
+    pub fn rays_secs(&self) -> f64 {
+        self.secs("find") + self.secs("march")
+    }
+
     /// Seconds of all stages.
     pub fn total_secs(&self) -> f64 {
         self.0.iter().map(|(_, secs)| secs).sum()

@@ -1,0 +1,76 @@
+//! What finds where rays meet what is active, in a pass of its own before they are sampled: walking and
+//! tracing need fewer registers than sampling, so that more rays are under way.
+
+use std::sync::Arc;
+
+use vacua_render::SkipMethod;
+
+use super::job::Job;
+use super::pipelines::{Met, Shader};
+use super::{GpuRenderer, Plan, Tracer};
+use crate::error::GpuError;
+use crate::shared::{MAX_RUNS, Push, TILE};
+use crate::vulkan::{Buffer, ComputePipeline, Place, RayPipeline, Recorder};
+
+/// A pipeline that finds runs.
+pub(super) enum Finder {
+    /// A walk, or ray queries.
+    Compute(Arc<ComputePipeline>),
+    /// Rays that are traced.
+    Rays(Arc<RayPipeline>),
+}
+
+impl Finder {
+    pub fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
+        match self {
+            Self::Compute(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
+            Self::Rays(pipeline) => recorder.trace(pipeline, push, size),
+        }
+    }
+}
+
+/// Workgroups that make a picture of a device's own size.
+pub(super) fn tiles([width, rows]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(TILE), rows.div_ceil(TILE), 1]
+}
+
+impl GpuRenderer {
+    /// What finds the runs of a picture of voxels, with room for them; `None` if nothing is skipped.
+    pub(super) fn finder(
+        &mut self,
+        job: &mut Job,
+        plan: Plan,
+        tracer: Option<Tracer>,
+    ) -> Result<Option<Finder>, GpuError> {
+        let Some(picture) = self.picture.as_ref().filter(|_| self.mesh.is_none()) else {
+            return Ok(None);
+        };
+        let size = [picture.width as u32, picture.rows as u32];
+        let layout = &self.layout;
+        let finder = match (plan.method, tracer) {
+            (SkipMethod::None, _) => return Ok(None),
+            (_, None) => Finder::Compute(self.pipelines.get(layout, Shader::Grid, job.special)?),
+            (_, Some(Tracer::Query)) => {
+                Finder::Compute(self.pipelines.get(layout, Shader::Query, job.special)?)
+            }
+            (SkipMethod::Boxes, Some(Tracer::Pipeline)) => {
+                Finder::Rays(self.pipelines.rays(layout, Met::Boxes, job.special)?)
+            }
+            (_, Some(Tracer::Pipeline)) => {
+                Finder::Rays(self.pipelines.rays(layout, Met::Mesh, job.special)?)
+            }
+        };
+        let [columns, rows, _] = tiles(size).map(u64::from);
+        let bytes = 4 * u64::from(MAX_RUNS) * columns * rows * u64::from(TILE * TILE);
+        let runs = match self.runs.take() {
+            Some(runs) if runs.size_bytes() >= bytes => runs,
+            older => {
+                drop(older);
+                Buffer::new(&self.device, "runs of samples", bytes, Place::Device)?
+            }
+        };
+        job.push.runs = runs.address();
+        self.runs = Some(runs);
+        Ok(Some(finder))
+    }
+}

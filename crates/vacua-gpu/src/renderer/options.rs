@@ -1,0 +1,56 @@
+//! How the renderer works.
+
+use crate::vulkan::Preference;
+
+/// How rays are traced against acceleration structures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Tracer {
+    /// By a ray tracing pipeline, as the paper does it.
+    Pipeline,
+    /// By compute shaders that ask the structures.
+    Query,
+}
+
+/// How acceleration structures are made (paper A §4.2.3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StructureOptions {
+    /// What they are built for.
+    pub preference: Preference,
+    /// Whether those over the boundary are copied to where they take less memory.
+    pub compact: bool,
+    /// Whether after an edit the shapes are moved instead of built anew, as long as they fit.
+    pub refit: bool,
+}
+
+/// How the renderer works; pictures do not depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuOptions {
+    /// Farthest distance in the distance map, in macrocells, 1 to 255; 1 makes it a plain mask.
+    pub reach: u8,
+    /// Slices an image may have, if fewer than the device allows.
+    pub max_layers: Option<u32>,
+    /// How rays are traced by `mesh`; on a pipeline, where there is one, if not given.
+    pub tracer: Option<Tracer>,
+    /// How acceleration structures are made.
+    pub structures: StructureOptions,
+    /// Pictures of fewer pixels are not worth measuring for `auto`.
+    pub least_pixels: usize,
+    /// Bytes a part of a packed mesh may have in one buffer, if fewer than the device allows.
+    pub max_buffer_bytes: Option<u64>,
+    /// Whether the rays of a subgroup search a packed mesh together.
+    pub together: bool,
+}
+
+impl Default for GpuOptions {
+    fn default() -> Self {
+        Self {
+            reach: 16,
+            max_layers: None,
+            tracer: None,
+            structures: StructureOptions::default(),
+            least_pixels: 1 << 18,
+            max_buffer_bytes: None,
+            together: true,
+        }
+    }
+}

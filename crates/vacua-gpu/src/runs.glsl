@@ -1,0 +1,24 @@
+// Runs of samples that may be active: found by one shader, which needs few registers and so has many
+// rays under way, and read by the one that samples.
+//
+// Runs are in whole blocks. A workgroup's rays have their first runs one after the other, then their
+// second ones, and so on; a run is its first block and the one after its last, counted from the ray's
+// first block, 16 bits each, and nothing if it is 0.
+
+// Runs that a ray may have; what follows is one with the last.
+const uint MAX_RUNS = 8;
+// The end of a run that reaches to the end of the ray.
+const uint OPEN_END = 0xffffu;
+// Words from a ray's run to its next one.
+const uint RUN_STRIDE = 256;
+
+// Where the first run of a ray lies, by its pixel in this device's own rows: rays are numbered as
+// `own_pixel` has them.
+uint first_run(uvec2 own) {
+    uvec2 group = own / 16u;
+    uvec2 local = own % 16u;
+    uint columns = (parameters.picture.x + 15u) / 16u;
+    uint lane = (local.x & 7u) | (local.y & 3u) << 3;
+    uint subgroup = local.x >> 3 | local.y >> 2 << 1;
+    return (group.y * columns + group.x) * (RUN_STRIDE * MAX_RUNS) + subgroup * 32u + lane;
+}
