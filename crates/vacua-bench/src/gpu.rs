@@ -356,7 +356,7 @@ fn row(
 ) -> Result<Row, BenchError> {
     let first = gpu.render(scene, settings)?;
     let ranges_secs = gpu.timings().secs("ranges");
-    let marches = gpu.measure(scene, settings, repeats)?;
+    let marches = gpu.time_rays(scene, settings, repeats)?;
     let march = marches.iter().map(Timings::rays_secs).collect();
     let (mut stages, mut wall) = (Vec::new(), Vec::new());
     if settings.skip != SkipMethod::None {

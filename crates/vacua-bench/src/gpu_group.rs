@@ -17,7 +17,8 @@ pub struct GroupRow {
     pub devices: usize,
     /// How empty space was skipped.
     pub method: String,
-    /// Median seconds of a frame as a caller sees it, the picture on the host.
+    /// Median seconds of a frame as a caller sees it, the picture on the host in the memory of the one
+    /// before.
     pub frame_secs: f64,
     /// Median seconds of the march on the device that took longest.
     pub march_secs: f64,
@@ -46,13 +47,14 @@ pub(crate) fn measure(scene: &Scene, options: &GpuOptions) -> Result<Vec<GroupRo
                 skip: method,
                 ..RenderSettings::default()
             };
-            let frame = group.render(scene, &settings)?.frame;
+            let mut frame = group.render(scene, &settings)?.frame;
             if count == 1 {
                 alone.push(frame.rgba.clone());
             }
             let (mut frames, mut marches) = (Vec::new(), Vec::new());
             for _ in 0..options.repeats {
-                frames.push(group.render(scene, &settings)?.report.frame_secs);
+                let report = group.render_into(scene, &settings, &mut frame)?;
+                frames.push(report.frame_secs);
                 let march = Timings::rays_secs;
                 let of_members = group.members().iter().map(|g| march(g.timings()));
                 marches.push(of_members.fold(0.0, f64::max));

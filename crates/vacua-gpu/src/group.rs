@@ -4,10 +4,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use vacua_render::{RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene};
+use vacua_render::{Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene};
 
 use crate::error::GpuError;
-use crate::frame::blank;
+use crate::frame::make_room;
 use crate::renderer::{GpuOptions, GpuRenderer, Share};
 use crate::vulkan::{DeviceChoice, Instance};
 
@@ -68,7 +68,25 @@ impl GpuGroup {
         &mut self.members
     }
 
-    fn make(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Rendering, GpuError> {
+    /// Renders one picture into the memory of an earlier one, of whatever size.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`]; what the frame then holds is undefined.
+    pub fn render_into(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        frame: &mut Frame,
+    ) -> Result<RenderReport, RenderError> {
+        Ok(self.make(scene, settings, frame)?)
+    }
+
+    fn make(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        frame: &mut Frame,
+    ) -> Result<RenderReport, GpuError> {
         let reports = each(&mut self.members, |member| member.begin(scene, settings))?;
         let mut report = slowest(reports);
         let plan = match self.members.first_mut() {
@@ -81,18 +99,20 @@ impl GpuGroup {
             }
         };
         let start = Instant::now();
-        each(&mut self.members, |member| {
-            member.draw(scene, settings, plan)
-        })?;
-        let mut frame = blank(settings.width, settings.height);
+        let members = &mut self.members;
+        let (drawn, ()) = rayon::join(
+            || each(members, |member| member.draw(scene, settings, plan)),
+            || make_room(frame, settings.width, settings.height),
+        );
+        drawn?;
         for member in &self.members {
-            member.fetch(&mut frame);
+            member.fetch(frame);
         }
         report.frame_secs = start.elapsed().as_secs_f64();
         if let Some(first) = self.members.first_mut() {
             first.finish(plan, &mut report);
         }
-        Ok(Rendering { frame, report })
+        Ok(report)
     }
 }
 
@@ -102,7 +122,9 @@ impl Renderer for GpuGroup {
         scene: &Scene,
         settings: &RenderSettings,
     ) -> Result<Rendering, RenderError> {
-        Ok(self.make(scene, settings)?)
+        let mut frame = Frame::empty(0, 0);
+        let report = self.make(scene, settings, &mut frame)?;
+        Ok(Rendering { frame, report })
     }
 }
 

@@ -1,6 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel: samples all of it, or the runs that another shader found.
+// One ray a pixel, by `none` and by `grid`: a walk over the distance map.
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #include "shared.glsl"
 #include "lattice.glsl"
@@ -12,8 +12,8 @@
 #include "tile.glsl"
 #include "table_shared.glsl"
 #include "composite.glsl"
-#include "runs.glsl"
-#include "read_runs.glsl"
+#include "walk.glsl"
+#include "skip_grid.glsl"
 #include "march.glsl"
 
 void main() {

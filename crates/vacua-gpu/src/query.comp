@@ -9,6 +9,7 @@
 #include "tile.glsl"
 #include "runs.glsl"
 #include "hit.glsl"
+#include "walk.glsl"
 #include "skip_mesh.glsl"
 #include "find.glsl"
 

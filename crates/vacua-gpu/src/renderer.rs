@@ -35,15 +35,13 @@ use self::mesh::MeshPipelines;
 use self::outline::Outline;
 use self::pipelines::Pipelines;
 use crate::error::GpuError;
-use crate::frame::{Picture, blank};
+use crate::frame::{Picture, make_room};
 use crate::mesh::DeviceMesh;
 use crate::shared::{Parameters, TILE};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
 use crate::volume::{DeviceVolume, ImageLimits};
-use crate::vulkan::{
-    Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings,
-};
+use crate::vulkan::{Buffer, Commands, Device, DeviceChoice, Instance, Layout, Place, Timings};
 
 /// Macrocell side where nothing else is asked for or measured.
 const DEFAULT_SIDE: usize = 8;
@@ -257,8 +255,8 @@ impl GpuRenderer {
     }
 
     /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`,
-    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `find` (where rays
-    /// meet what is active) and `march` once a ray a pixel, `copy`; and on the host `cluster`.
+    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `find` (where
+    /// rays meet what is active, if they are traced) and `march` once a ray a pixel, `copy`; and on the host `cluster`.
     pub fn timings(&self) -> &Timings {
         &self.timings
     }
@@ -268,7 +266,7 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// As [`Renderer::render`].
-    pub fn measure(
+    pub fn time_rays(
         &mut self,
         scene: &Scene,
         settings: &RenderSettings,
@@ -292,16 +290,38 @@ impl GpuRenderer {
         mesh + self.volume.as_ref().map_or(0, DeviceVolume::size_bytes)
     }
 
-    fn make(&mut self, scene: &Scene, settings: &RenderSettings) -> Result<Rendering, GpuError> {
+    /// Renders one picture into the memory of an earlier one, of whatever size: what is rendered again and
+    /// again need not ask the system for memory every time.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`]; what the frame then holds is undefined.
+    pub fn render_into(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        frame: &mut Frame,
+    ) -> Result<RenderReport, RenderError> {
+        Ok(self.make(scene, settings, frame)?)
+    }
+
+    fn make(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+        frame: &mut Frame,
+    ) -> Result<RenderReport, GpuError> {
         let mut report = self.begin(scene, settings)?;
         let plan = self.plan(scene, settings, &mut report)?;
         let start = Instant::now();
-        self.draw(scene, settings, plan)?;
-        let mut frame = blank(settings.width, settings.height);
-        self.fetch(&mut frame);
+        let (drawn, ()) = rayon::join(
+            || self.draw(scene, settings, plan),
+            || make_room(frame, settings.width, settings.height),
+        );
+        drawn?;
+        self.fetch(frame);
         report.frame_secs = start.elapsed().as_secs_f64();
         self.finish(plan, &mut report);
-        Ok(Rendering { frame, report })
+        Ok(report)
     }
 
     /// Brings everything up to date, as far as the host can.
@@ -499,6 +519,8 @@ impl Renderer for GpuRenderer {
         scene: &Scene,
         settings: &RenderSettings,
     ) -> Result<Rendering, RenderError> {
-        Ok(self.make(scene, settings)?)
+        let mut frame = Frame::empty(0, 0);
+        let report = self.make(scene, settings, &mut frame)?;
+        Ok(Rendering { frame, report })
     }
 }

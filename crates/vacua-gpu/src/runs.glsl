@@ -1,5 +1,10 @@
-// Runs of samples that may be active: found by one shader, which needs few registers and so has many
-// rays under way, and read by the one that samples.
+// Runs of samples that may be active, of methods that trace rays: found by one shader, and read by the
+// one that samples, in step and from shared memory, as compute shaders can. All methods sample with the
+// same code compiled for the same stage; compiled into a ray generation shader, NVIDIA's compiler made
+// other last bits of it.
+//
+// `grid` walks and samples in one: a walk of its own took as long as within (2.2 ms of 4.0 at 1024³ and
+// K = 4 on an H100), and its runs in whole blocks cost 8 % more samples.
 //
 // Runs are in whole blocks. A workgroup's rays have their first runs one after the other, then their
 // second ones, and so on; a run is its first block and the one after its last, counted from the ray's

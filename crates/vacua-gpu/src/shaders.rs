@@ -24,12 +24,12 @@ shaders! {
     BOUNDARY_SCAN = "boundary_scan";
     /// The boundary's faces and triangles.
     BOUNDARY_WRITE = "boundary_write";
-    /// Where rays meet what is active, by `grid`.
-    GRID = "grid";
-    /// The same by `mesh` through ray queries.
-    QUERY = "query";
-    /// The picture.
+    /// The picture, by `none` and `grid`.
     MARCH = "march";
+    /// The picture, over runs that were found.
+    MARCH_RUNS = "march_runs";
+    /// Where rays meet what is active, by `mesh` through ray queries.
+    QUERY = "query";
     /// The boundary of what is active, over the picture.
     OVERLAY = "overlay";
     /// Where rays meet what is active, by `mesh` on a ray tracing pipeline.

@@ -34,11 +34,15 @@ fn lines_are_where_the_cpu_has_them() {
         ("stretched", bytes(stretched(POINTS))),
         (
             "parallel",
-            uniform.clone().camera(placed(DVec3::new(80.0, 70.0, 90.0), parallel)),
+            uniform
+                .clone()
+                .camera(placed(DVec3::new(80.0, 70.0, 90.0), parallel)),
         ),
         (
             "inside",
-            uniform.clone().camera(placed(DVec3::new(4.0, 5.0, 9.0), narrow)),
+            uniform
+                .clone()
+                .camera(placed(DVec3::new(4.0, 5.0, 9.0), narrow)),
         ),
     ];
     let mut methods = vec![SkipMethod::None, SkipMethod::Grid];
@@ -58,7 +62,10 @@ fn lines_are_where_the_cpu_has_them() {
         };
         let expected = on_cpu(&scene, &drawn);
         let without = gpu.render(&scene, &plain).expect("a good scene").frame;
-        assert!(compare(&without, &expected).0 < 30.0, "{what}: lines are seen");
+        assert!(
+            compare(&without, &expected).0 < 30.0,
+            "{what}: lines are seen"
+        );
         for &skip in &methods {
             let what = format!("{what}, {}", skip.name());
             let settings = RenderSettings {

@@ -20,7 +20,12 @@ fn sheets(num: f64) -> Scene {
 }
 
 /// The pictures without skipping and by each method; all must be the same.
-fn check(gpu: &mut GpuRenderer, what: &str, scene: &Scene, settings: &RenderSettings) -> [Frame; 2] {
+fn check(
+    gpu: &mut GpuRenderer,
+    what: &str,
+    scene: &Scene,
+    settings: &RenderSettings,
+) -> [Frame; 2] {
     let mut methods = vec![SkipMethod::Grid];
     if gpu.device().info().has_ray_tracing() {
         methods.extend([SkipMethod::Mesh, SkipMethod::Boxes]);
@@ -57,9 +62,8 @@ fn more_runs_than_there_is_room_for() {
         macrocell_side: Some(1),
         ..settings()
     };
-    let part = |[with, without]: [Frame; 2]| {
-        with.total_samples() as f64 / without.total_samples() as f64
-    };
+    let part =
+        |[with, without]: [Frame; 2]| with.total_samples() as f64 / without.total_samples() as f64;
     let few = part(check(&mut gpu, "few", &sheets(4.0), &settings));
     let many = part(check(&mut gpu, "many", &sheets(16.0), &settings));
     assert!(few < 0.6, "every gap is skipped: {few}");

@@ -5,7 +5,7 @@ mod common;
 
 use common::*;
 use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuOptions, Instance};
-use vacua_render::{RenderSettings, Renderer, Scene, Shading, SkipMethod};
+use vacua_render::{Frame, RenderSettings, Renderer, Scene, Shading, SkipMethod};
 use vacua_volume::{Association, OpacityPoint, TransferFunction, ValueScale};
 
 fn scene_of_bytes(points: [usize; 3]) -> Scene {
@@ -71,6 +71,40 @@ fn any_number_of_devices_makes_the_same_picture() {
         }
         for member in group.members() {
             assert_valid(member);
+        }
+    }
+}
+
+/// Pictures in the memory of earlier ones, of the same size and of another.
+#[test]
+fn pictures_in_the_place_of_earlier_ones() {
+    let Some(mut one) = renderer(GpuOptions::default()) else {
+        return;
+    };
+    let Some(mut two) = group(2, GpuOptions::default()) else {
+        return;
+    };
+    let scene = scene_of_bytes(POINTS);
+    let mut frames = [Frame::empty(0, 0), Frame::empty(5, 5)];
+    for (width, height) in [(40, 30), (40, 30), (24, 37)] {
+        let settings = RenderSettings {
+            width,
+            height,
+            ..settings()
+        };
+        let expected = one.render(&scene, &settings).expect("a good scene").frame;
+        let [alone, shared] = &mut frames;
+        one.render_into(&scene, &settings, alone)
+            .expect("a good scene");
+        two.render_into(&scene, &settings, shared)
+            .expect("a good scene");
+        for frame in &mut frames {
+            assert_same_bits("in its place", frame, &expected);
+            assert_eq!(frame.samples, expected.samples);
+            // What is left of it must not be seen in the next one.
+            frame.rgba.fill([7.0; 4]);
+            frame.depth.fill(7.0);
+            frame.samples.fill(7);
         }
     }
 }

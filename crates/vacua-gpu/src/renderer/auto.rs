@@ -2,8 +2,7 @@
 //!
 //! Each candidate renders the picture once to settle and once to be timed by the device's clock; a
 //! frame takes a few milliseconds where it pays. A choice survives edits of the transfer function as
-//! long as about as much is seen. Boxes are no candidate: they were never the fastest, and on an NVIDIA
-//! H100 pixels of theirs differed from those of the other methods (docs/performance.md).
+//! long as about as much is seen.
 
 use vacua_render::{RenderReport, RenderSettings, Scene, SkipMethod};
 
@@ -18,6 +17,9 @@ const MESH_SIDES: [usize; 3] = [8, 4, 2];
 
 /// Where a smaller part of the macrocells is active, skipping is faster than not skipping.
 const CROWDED: f64 = 0.3;
+
+/// Macrocells that are clustered into boxes just to measure, at most: it is done on the host.
+const MOST_CLUSTERED: usize = 1 << 19;
 
 /// Change of the active part, as a factor, that makes a choice doubtful.
 const DOUBTFUL: f64 = 1.5;
@@ -120,11 +122,23 @@ impl GpuRenderer {
         for tracer in tracers {
             // Where the coarser boundary is no match for the walk, a finer one is none either.
             for &side in &sides {
-                if contest.enter(self, scene, settings, mesh(side, tracer))? > 1.5 * contest.least()
+                if contest.enter(self, scene, settings, mesh(side, tracer))? > 2.0 * contest.least()
                 {
                     break;
                 }
             }
+        }
+        let is_small = num(self, sides[0]) <= MOST_CLUSTERED;
+        if is_small
+            && self.mesh.is_none()
+            && self.device.info().has_ray_tracing()
+            && contest.rays_are_near()
+        {
+            let boxes = Plan {
+                method: SkipMethod::Boxes,
+                ..walk(sides[0])
+            };
+            contest.enter(self, scene, settings, boxes)?;
         }
         if part > CROWDED {
             let none = Plan {
@@ -185,6 +199,15 @@ impl Contest {
 
     fn least(&self) -> f64 {
         self.best().map_or(f64::INFINITY, |(_, secs)| *secs)
+    }
+
+    /// Whether tracing the boundary is not far behind: boxes were never twice as fast.
+    fn rays_are_near(&self) -> bool {
+        let mut traced = self
+            .entries
+            .iter()
+            .filter(|(p, _)| p.method == SkipMethod::Mesh);
+        traced.any(|(_, secs)| *secs <= 2.0 * self.least())
     }
 
     fn choice(&self) -> Choice {

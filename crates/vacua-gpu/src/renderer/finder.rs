@@ -1,5 +1,5 @@
-//! What finds where rays meet what is active, in a pass of its own before they are sampled: walking and
-//! tracing need fewer registers than sampling, so that more rays are under way.
+//! What finds where rays meet what is active by tracing them, in a pass of its own before they are sampled:
+//! rays march in step and read the transfer table from shared memory, as only compute shaders can.
 
 use std::sync::Arc;
 
@@ -14,9 +14,9 @@ use crate::vulkan::{Buffer, ComputePipeline, Place, RayPipeline, Recorder};
 
 /// A pipeline that finds runs.
 pub(super) enum Finder {
-    /// A walk, or ray queries.
+    /// Ray queries.
     Compute(Arc<ComputePipeline>),
-    /// Rays that are traced.
+    /// A ray tracing pipeline.
     Rays(Arc<RayPipeline>),
 }
 
@@ -35,7 +35,7 @@ pub(super) fn tiles([width, rows]: [u32; 2]) -> [u32; 3] {
 }
 
 impl GpuRenderer {
-    /// What finds the runs of a picture of voxels, with room for them; `None` if nothing is skipped.
+    /// What finds the runs of a picture of voxels, with room for them; `None` if no ray is traced.
     pub(super) fn finder(
         &mut self,
         job: &mut Job,
@@ -48,8 +48,7 @@ impl GpuRenderer {
         let size = [picture.width as u32, picture.rows as u32];
         let layout = &self.layout;
         let finder = match (plan.method, tracer) {
-            (SkipMethod::None, _) => return Ok(None),
-            (_, None) => Finder::Compute(self.pipelines.get(layout, Shader::Grid, job.special)?),
+            (_, None) => return Ok(None),
             (_, Some(Tracer::Query)) => {
                 Finder::Compute(self.pipelines.get(layout, Shader::Query, job.special)?)
             }

@@ -4,9 +4,7 @@ use std::sync::Arc;
 
 use vacua_render::contract::pixel_offset;
 use vacua_render::contract::{GOLDEN, LIGHT};
-use vacua_render::{
-    Integrator, Jitter, Overlay, RenderError, RenderSettings, Scene, SkipMethod,
-};
+use vacua_render::{Integrator, Jitter, Overlay, RenderError, RenderSettings, Scene, SkipMethod};
 use vacua_skip::Lattice;
 
 use super::pipelines::{Shader, Special, special, special_of};

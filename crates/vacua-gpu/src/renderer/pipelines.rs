@@ -21,9 +21,9 @@ pub(super) enum Shader {
     BoundaryCount,
     BoundaryScan,
     BoundaryWrite,
-    Grid,
     Query,
     March,
+    MarchRuns,
     Overlay,
 }
 
@@ -36,9 +36,9 @@ impl Shader {
             Self::BoundaryCount => shaders::BOUNDARY_COUNT,
             Self::BoundaryScan => shaders::BOUNDARY_SCAN,
             Self::BoundaryWrite => shaders::BOUNDARY_WRITE,
-            Self::Grid => shaders::GRID,
             Self::Query => shaders::QUERY,
             Self::March => shaders::MARCH,
+            Self::MarchRuns => shaders::MARCH_RUNS,
             Self::Overlay => shaders::OVERLAY,
         }
     }
@@ -50,8 +50,8 @@ impl Shader {
             Self::Ranges => &[CELL_DATA, CHECK_FINITE, BLANKED, NUM_SLABS],
             Self::Classify => &[LOG_SCALE, MAXIMUM],
             Self::Distance | Self::BoundaryCount | Self::BoundaryScan => &[],
-            Self::BoundaryWrite | Self::Grid | Self::Query | Self::Overlay => &[RECTILINEAR],
-            Self::March => &[
+            Self::BoundaryWrite | Self::Query | Self::Overlay => &[RECTILINEAR],
+            Self::March | Self::MarchRuns => &[
                 SKIPPING,
                 CELL_DATA,
                 CHECK_FINITE,

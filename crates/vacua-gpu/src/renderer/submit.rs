@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 
-use super::job::{Preparation, pass};
 use super::finder::tiles;
+use super::job::{Preparation, pass};
 use super::mesh::Subgroups;
 use super::pipelines::Shader;
 use super::{GpuRenderer, Plan, Tracer};
@@ -57,13 +57,18 @@ impl GpuRenderer {
             let (pipeline, subgroups) = self.mesh_marcher(job.special)?;
             Marcher::Mesh(pipeline, subgroups)
         } else {
-            let get = self.pipelines.get(&self.layout, Shader::March, job.special);
-            Marcher::Voxels(get?)
+            let shader = match &finder {
+                Some(_) => Shader::MarchRuns,
+                None => Shader::March,
+            };
+            Marcher::Voxels(self.pipelines.get(&self.layout, shader, job.special)?)
         };
         let overlay = match settings.overlay {
             Overlay::None => None,
             Overlay::Boundary => {
-                let get = self.pipelines.get(&self.layout, Shader::Overlay, job.special);
+                let get = self
+                    .pipelines
+                    .get(&self.layout, Shader::Overlay, job.special);
                 Some(get?)
             }
         };

@@ -1,4 +1,4 @@
-// Reads the runs of a ray, which another shader found.
+// Rays that were traced: their runs are read, which another shader found.
 
 struct Walk {
     // Where the next run lies, how many there may be after it, and what it is.
