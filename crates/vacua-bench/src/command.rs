@@ -72,6 +72,9 @@ pub enum Command {
         /// Measures rays that search meshes on their own too.
         #[arg(long)]
         alone: bool,
+        /// Measures meshes of multi-leaves under an acceleration structure (variant 1) too.
+        #[arg(long)]
+        leaves: bool,
         /// Random places of meshes that are sampled at once; 0 for none.
         #[arg(long, default_value = "4000000")]
         places: usize,
@@ -210,6 +213,7 @@ pub fn run(command: Command) -> Outcome {
             shuffled,
             shaded,
             alone,
+            leaves,
             places,
             pictures,
             common,
@@ -223,6 +227,7 @@ pub fn run(command: Command) -> Outcome {
             sides: common.sides.unwrap_or(vec![2, 4, 8]),
             shaded,
             alone,
+            leaves,
             places,
             pictures,
         })

@@ -13,11 +13,13 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use vacua_gpu::{DeviceChoice, GpuRenderer, MeshBytes};
 use vacua_io::picture::{Picture, write_png};
+use vacua_pack::{EncodeOptions, PackedField, PackedVolume, Variant, encode};
 use vacua_render::{
-    Camera, CpuRenderer, Frame, Projection, RenderSettings, Renderer, Scene, Shading, SkipMethod,
+    Camera, CpuRenderer, Frame, Projection, RenderError, RenderSettings, Renderer, Scene, Shading,
+    SkipMethod,
 };
 use vacua_synth::{BenchScene, MeshKind, MeshSpec, generate_mesh};
-use vacua_volume::{Bounds, ComponentChoice, FieldChoice};
+use vacua_volume::{Bounds, ComponentChoice, FieldChoice, Volume};
 
 use crate::error::BenchError;
 use crate::gpu::compare;
@@ -73,6 +75,8 @@ pub struct GpuMeshOptions {
     pub shaded: bool,
     /// Whether to measure rays that search on their own too.
     pub alone: bool,
+    /// Whether to measure multi-leaves under an acceleration structure (variant 1) too.
+    pub leaves: bool,
     /// Random places that are sampled at once; 0 for none.
     pub places: usize,
     /// Folder for pictures.
@@ -103,13 +107,15 @@ pub struct MeshResult {
     pub points: u64,
     /// Bytes of the file's sections: geometry and one field.
     pub file_bytes: u64,
-    /// Bytes on the device: positions, indices, nodes, values, tables.
-    pub device_bytes: [u64; 5],
+    /// Bytes on the device: positions, indices, nodes, values, tables, acceleration structures.
+    pub device_bytes: [u64; 6],
     /// Seconds to send and check the mesh.
     pub send_secs: f64,
-    /// Seconds of the first picture, packing on the host included.
+    /// Seconds of the first picture, from the encoded mesh in the host's memory to the picture there.
     pub first_secs: f64,
-    /// Of these, seconds to pack the mesh.
+    /// Seconds of the first picture with skipping, after that: ranges of macrocells included.
+    pub first_skipped_secs: f64,
+    /// Seconds to pack the mesh on the host, before all this.
     pub pack_secs: f64,
     /// Frames.
     pub rows: Vec<MeshRow>,
@@ -151,7 +157,10 @@ pub fn run(options: &GpuMeshOptions) -> Result<GpuMeshResults, BenchError> {
     let mut gpu = GpuRenderer::new(options.device)?;
     let mut meshes = Vec::new();
     for &choice in &options.meshes {
-        meshes.push(measure(&mut gpu, options, choice)?);
+        meshes.push(measure(&mut gpu, options, choice, Variant::MultiNodes)?);
+        if options.leaves {
+            meshes.push(measure(&mut gpu, options, choice, Variant::MultiLeaves)?);
+        }
     }
     Ok(GpuMeshResults {
         machine: Machine::describe(rayon::current_num_threads()),
@@ -177,10 +186,44 @@ fn camera(bounds: Bounds) -> Camera {
     }
 }
 
+/// A mesh encoded with its field, its points, and the seconds that took.
+fn packed(volume: &Volume, variant: Variant) -> Result<(PackedVolume, u64, f64), BenchError> {
+    let start = Instant::now();
+    let mesh = volume.mesh().ok_or(RenderError::NoPositions)?;
+    let options = EncodeOptions {
+        variant,
+        ..EncodeOptions::default()
+    };
+    let encoded = encode(mesh, options)?;
+    let field = PackedField::pack(
+        &encoded.mesh,
+        &encoded.map,
+        volume.name(),
+        volume.association(),
+        volume.scalars(),
+    )?;
+    let packed = PackedVolume::new(encoded.mesh, field);
+    Ok((
+        packed,
+        mesh.num_points() as u64,
+        start.elapsed().as_secs_f64(),
+    ))
+}
+
+/// The same with skipping by macrocells of a size.
+fn on_grid(settings: &RenderSettings, side: Option<usize>) -> RenderSettings {
+    RenderSettings {
+        skip: SkipMethod::Grid,
+        macrocell_side: side,
+        ..settings.clone()
+    }
+}
+
 fn measure(
     gpu: &mut GpuRenderer,
     options: &GpuMeshOptions,
     choice: MeshChoice,
+    variant: Variant,
 ) -> Result<MeshResult, BenchError> {
     let MeshChoice { kind, size } = choice;
     let dataset = generate_mesh(&MeshSpec {
@@ -190,27 +233,33 @@ fn measure(
     })?;
     let volume = dataset.volume(&FieldChoice::Only, ComponentChoice::Auto)?;
     drop(dataset);
-    let (cells, points) = volume
-        .mesh()
-        .map_or((0, 0), |m| (m.num_cells() as u64, m.num_points() as u64));
+    let bounds = volume.geometry().bounds();
+    let (packed, points, pack_secs) = packed(&volume, variant)?;
+    drop(volume);
+    let cells = packed.mesh().num_cells();
     let camera = match kind {
         MeshKind::Tet100 | MeshKind::Hex150 => camera(Bounds {
             lo: DVec3::ZERO,
             hi: DVec3::splat(size as f64),
         }),
-        _ => camera(volume.geometry().bounds()),
+        _ => camera(bounds),
     };
-    let scene = Scene::new(volume, BenchScene::transfer_function(1.0)?).camera(camera);
+    let scene = Scene::new(packed, BenchScene::transfer_function(1.0)?).camera(camera);
     let base = RenderSettings {
         width: options.size.0,
         height: options.size.1,
         skip: SkipMethod::None,
         ..RenderSettings::default()
     };
+    let is_of_leaves = variant == Variant::MultiLeaves;
     gpu.set_together(true);
     let start = Instant::now();
-    let first = gpu.render(&scene, &base)?;
+    gpu.render(&scene, &base)?;
     let first_secs = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let side = options.sides.first().copied();
+    gpu.render(&scene, &on_grid(&base, side))?;
+    let first_skipped_secs = start.elapsed().as_secs_f64();
     let send_secs = gpu.mesh_send_secs();
     let bytes = gpu.mesh_bytes().unwrap_or_default();
     let mut rows = Vec::new();
@@ -228,15 +277,13 @@ fn measure(
             write(&folder.join(format!("{kind}-{size}{lit}.png")), &reference)?;
         }
         let mut ways = vec![(none.clone(), true)];
-        ways.extend(options.sides.iter().map(|&side| {
-            let grid = RenderSettings {
-                skip: SkipMethod::Grid,
-                macrocell_side: Some(side),
-                ..none.clone()
-            };
-            (grid, true)
-        }));
-        if options.alone {
+        ways.extend(
+            options
+                .sides
+                .iter()
+                .map(|&side| (on_grid(&none, Some(side)), true)),
+        );
+        if options.alone && !is_of_leaves {
             ways.push((none, false));
         }
         for (settings, together) in ways {
@@ -247,6 +294,7 @@ fn measure(
     }
     let random_per_sec = match options.places {
         0 => None,
+        _ if is_of_leaves => None,
         count => Some(random(gpu, count)?),
     };
     let small = RenderSettings {
@@ -263,16 +311,21 @@ fn measure(
         nodes,
         values,
         tables,
+        structures,
     } = bytes;
     Ok(MeshResult {
-        name: format!("{kind} {size}"),
+        name: match variant {
+            Variant::MultiNodes => format!("{kind} {size}"),
+            _ => format!("{kind} {size}, multi-leaves"),
+        },
         cells,
         points,
         file_bytes: gpu.mesh_file_bytes().unwrap_or(0),
-        device_bytes: [positions, indices, nodes, values, tables],
+        device_bytes: [positions, indices, nodes, values, tables, structures],
         send_secs,
         first_secs,
-        pack_secs: (first.report.volume_secs - send_secs).max(0.0),
+        first_skipped_secs,
+        pack_secs,
         rows,
         random_per_sec,
         against_cpu: compare(&ours, &theirs),
@@ -359,15 +412,16 @@ impl GpuMeshResults {
         for mesh in &self.meshes {
             let (psnr, apart) = mesh.against_cpu;
             let total: u64 = mesh.device_bytes.iter().sum();
-            let [positions, indices, nodes, values, tables] =
+            let [positions, indices, nodes, values, tables, structures] =
                 mesh.device_bytes.map(|b| b as f64 / 1e6);
             let _ = writeln!(
                 out,
                 "## {}: {} cells, {} points\n\n\
                  On the device {:.1} MB, {:.2} B a cell (positions {positions:.1}, indices \
-                 {indices:.1}, nodes {nodes:.1}, values {values:.1}, tables {tables:.1} MB); file \
-                 sections {:.1} MB; sent and checked in {:.3} s, first picture {:.2} s after the mesh \
-                 was packed ({:.1} s); against the CPU {psnr:.1} dB, at most {apart} of 255.\n",
+                 {indices:.1}, nodes {nodes:.1}, values {values:.1}, tables {tables:.1}, \
+                 structures {structures:.1} MB); file \
+                 sections {:.1} MB; sent and checked in {:.3} s, first picture in {:.2} s, {:.2} s more with \
+                 skipping; packed on the host in {:.1} s; against the CPU {psnr:.1} dB, at most {apart} of 255.\n",
                 mesh.name,
                 mesh.cells,
                 mesh.points,
@@ -375,7 +429,8 @@ impl GpuMeshResults {
                 total as f64 / mesh.cells.max(1) as f64,
                 mesh.file_bytes as f64 / 1e6,
                 mesh.send_secs,
-                mesh.first_secs - mesh.pack_secs,
+                mesh.first_secs,
+                mesh.first_skipped_secs,
                 mesh.pack_secs,
             );
             if let Some([together, alone]) = mesh.random_per_sec {

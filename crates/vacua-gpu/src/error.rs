@@ -75,8 +75,11 @@ pub enum GpuError {
         /// Name of the device.
         device: String,
     },
-    /// A mesh that leads out of itself.
-    #[error("the packed mesh is damaged: a node or an index points out of its sub-mesh")]
+    /// A mesh that leads out of itself, or whose nodes are no tree.
+    #[error(
+        "the packed mesh is damaged: a node or an index points out of its sub-mesh, or two nodes have one \
+             child"
+    )]
     DamagedMesh,
     /// Any other error of the driver.
     #[error("{operation} failed on {device}")]

@@ -26,10 +26,15 @@ const uint HEXAHEDRON = 3;
 
 // Index of no vertex, which fills pyramids and wedges up.
 const uint MARKER = 0xffffu;
+// What a sub-mesh holds: indices that fill cells up; other cells than tetrahedra.
+const uint HAS_MARKER = 1;
+const uint HOLDS_OTHERS = 2;
 // No cell.
 const uint NO_CELL = 0xffffffffu;
 // Divisions of a node's box along an axis.
 const uint CHILD_DIVISIONS = 16;
+// Sub-meshes that have a box around them all.
+const uint GROUP_PARTS = 32;
 // Words of a multi-leaf, and of a multi-node.
 const uint LEAF_WORDS = 12;
 const uint NODE_WORDS = 13;
@@ -60,9 +65,10 @@ struct Submesh {
     uint num_nodes;
     uint num_vertices;
     uint num_indices;
-    // Whether the largest index fills cells up; whether there are other cells than tetrahedra.
-    uint has_marker;
-    uint has_others;
+    // What it holds, as bits.
+    uint kinds;
+    // Number of its first node among those of all.
+    uint first_node;
 };
 
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Submeshes {
@@ -77,6 +83,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Mesh {
     Submeshes submeshes;
     // Smallest cells in boxes of ray space, level by level.
     Numbers minima;
+    // Boxes around groups of sub-meshes, two corners each.
+    Quads groups;
     uint num_submeshes;
     // Cubes of ray space along each axis, for the first level.
     uint minima_x;
@@ -144,19 +152,37 @@ uint index_at(Submesh part, uint place) {
     return part.indices.word[place >> 1] >> (16 * (place & 1u)) & 0xffffu;
 }
 
-// Kind of the cell of eight indices from a place on: the number of markers at its end says so.
-uint kind_of_other(Submesh part, uint place) {
-    if (part.has_marker == 0u || index_at(part, place + 7) != MARKER) return HEXAHEDRON;
-    return index_at(part, place + 5) == MARKER ? PYRAMID : WEDGE;
+// A cell that is no tetrahedron: its kind, and its vertices, past its own the last one again.
+struct Other {
+    uint kind;
+    uint vertices[8];
+};
+
+// The cell of eight indices from a place on: the number of markers at their end says its kind.
+Other other_at(Submesh part, uint place) {
+    uint first = place >> 1;
+    bool is_odd = (place & 1u) != 0u;
+    uint words[5];
+    for (uint k = 0; k < 5; ++k) words[k] = part.indices.word[first + k];
+    Other other;
+    for (uint k = 0; k < 4; ++k) {
+        uint word = is_odd ? words[k] >> 16 | words[k + 1] << 16 : words[k];
+        other.vertices[2 * k] = word & 0xffffu;
+        other.vertices[2 * k + 1] = word >> 16;
+    }
+    bool is_filled = (part.kinds & HAS_MARKER) != 0u && other.vertices[7] == MARKER;
+    bool is_pyramid = is_filled && other.vertices[5] == MARKER;
+    other.kind = !is_filled ? HEXAHEDRON : is_pyramid ? PYRAMID : WEDGE;
+    if (is_pyramid) other.vertices[5] = other.vertices[4];
+    if (is_filled) {
+        other.vertices[6] = other.vertices[5];
+        other.vertices[7] = other.vertices[5];
+    }
+    return other;
 }
 
 uint num_corners(uint kind) {
     return kind == HEXAHEDRON ? 8 : kind == WEDGE ? 6 : kind == PYRAMID ? 5 : 4;
-}
-
-// Vertex at a corner of a cell that is no tetrahedron.
-uint other_vertex(Submesh part, uint place, uint corner) {
-    return index_at(part, place + corner);
 }
 
 // A value as it is rendered.
@@ -279,3 +305,13 @@ float cell_value(Submesh part, uint node, uint primitive) {
     uint before = part.cells_before.word[node] + cells_before_in_node(part, node, primitive);
     return stored_value(part, before);
 }
+
+// What a lane looks for: a line through its samples, and which of a block they are.
+struct Segment {
+    vec3 first;
+    vec3 last;
+    uint begin;
+    // Steps from first to last.
+    float steps;
+    uint mask;
+};

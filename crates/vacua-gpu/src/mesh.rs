@@ -14,9 +14,11 @@ use vacua_pack::layout::SubmeshHeader;
 use vacua_pack::{Nodes, PackedMesh};
 use vacua_render::SceneData;
 use vacua_render::contract::PackedCells;
+use vacua_skip::{Lattice, LatticeError, Macrocells};
 use vacua_volume::{Association, ScalarType, ValueMap, ValueRange, ValueScale};
 
 use crate::error::GpuError;
+use crate::renderer::Leaves;
 use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
 
 /// Bytes that are sent at once.
@@ -24,6 +26,9 @@ const STAGING_BYTES: u64 = 64 << 20;
 
 /// Bytes past a part that shaders may read: they take five indices where there are four.
 const MARGIN: u64 = 16;
+
+/// Side of macrocells whose ranges those of larger ones are joined from.
+const LEAST_SIDE: usize = 2;
 
 /// Bits of an index that shaders know.
 const INDEX_BITS: u32 = 16;
@@ -44,6 +49,17 @@ pub(crate) mod mesh_constant {
     pub const INVOCATIONS: u32 = 42;
 }
 
+/// What a sub-mesh holds, as bits; as in `mesh.glsl`.
+pub(crate) mod kinds {
+    /// Indices that fill cells up.
+    pub const MARKER: u32 = 1;
+    /// Other cells than tetrahedra.
+    pub const OTHERS: u32 = 2;
+}
+
+/// Sub-meshes in a group that has a box of its own; as in `mesh.glsl`.
+pub(crate) const GROUP_PARTS: usize = 32;
+
 /// A sub-mesh as shaders see it: `Submesh` of `mesh.glsl`, which says what each member means.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -61,8 +77,8 @@ pub(crate) struct DeviceSubmesh {
     pub num_nodes: u32,
     pub num_vertices: u32,
     pub num_indices: u32,
-    pub has_marker: u32,
-    pub has_others: u32,
+    pub kinds: u32,
+    pub first_node: u32,
 }
 
 /// A mesh as shaders see it: the block `Mesh` of `mesh.glsl`.
@@ -73,6 +89,7 @@ pub(crate) struct MeshHeader {
     pub slack: [f32; 4],
     pub submeshes: u64,
     pub minima: u64,
+    pub groups: u64,
     pub num_submeshes: u32,
     pub minima_x: u32,
     pub minima_y: u32,
@@ -114,12 +131,14 @@ pub struct MeshBytes {
     pub values: u64,
     /// Where the parts of sub-meshes begin, and the smallest cells in boxes of space.
     pub tables: u64,
+    /// Acceleration structures over multi-leaves.
+    pub structures: u64,
 }
 
 impl MeshBytes {
     /// The sum.
     pub fn total(&self) -> u64 {
-        self.positions + self.indices + self.nodes + self.values + self.tables
+        self.positions + self.indices + self.nodes + self.values + self.tables + self.structures
     }
 }
 
@@ -134,6 +153,10 @@ pub(crate) struct DeviceMesh {
     pub value_type: ValueType,
     pub header: Buffer,
     pub bytes: MeshBytes,
+    /// What finds the nodes of a mesh without inner ones.
+    pub leaves: Option<Leaves>,
+    /// Ranges of the smallest macrocells so far.
+    ranges: Option<Macrocells>,
     /// Seconds to send and check it.
     pub send_secs: f64,
     /// Everything that the header leads to.
@@ -370,11 +393,14 @@ impl DeviceMesh {
                     num_nodes: h.num_nodes,
                     num_vertices: h.num_vertices,
                     num_indices: h.num_indices as u32,
-                    has_marker: u32::from(h.has_marker()),
-                    has_others: u32::from(h.num_cells[1..].iter().any(|&n| n > 0)),
+                    kinds: u32::from(h.has_marker()) * kinds::MARKER
+                        | u32::from(h.num_cells[1..].iter().any(|&n| n > 0)) * kinds::OTHERS,
+                    first_node: h.first_node as u32,
                 }
             })
             .collect();
+        let groups: Vec<[[f32; 4]; 2]> = headers.chunks(GROUP_PARTS).map(box_around).collect();
+        let groups = sender.send_whole("the mesh's groups", bytemuck::cast_slice(&groups))?;
         let table = sender.send_whole("the mesh's parts", bytemuck::cast_slice(&table))?;
         let (minima_counts, minima) = match cells.minima().map(|m| m.levels()) {
             Some(levels @ [(counts, _), ..]) => {
@@ -397,6 +423,7 @@ impl DeviceMesh {
             slack: slack(&cells),
             submeshes: table.address(),
             minima: minima.as_ref().map_or(0, Buffer::address),
+            groups: groups.address(),
             num_submeshes: headers.len() as u32,
             minima_x: minima_counts[0],
             minima_y: minima_counts[1],
@@ -411,8 +438,10 @@ impl DeviceMesh {
             nodes: nodes.size_bytes(),
             values: values.size_bytes() + cells_before.as_ref().map_or(0, Section::size_bytes),
             tables: table.size_bytes()
+                + groups.size_bytes()
                 + header.size_bytes()
                 + minima.as_ref().map_or(0, Buffer::size_bytes),
+            structures: 0,
         };
         let sections = [
             Some(positions),
@@ -427,7 +456,7 @@ impl DeviceMesh {
             .flat_map(|s| s.chunks)
             .map(|(_, buffer)| buffer)
             .collect();
-        all.push(table);
+        all.extend([table, groups]);
         all.extend(minima);
         Ok(Self {
             scale,
@@ -436,12 +465,52 @@ impl DeviceMesh {
             value_type,
             header,
             bytes,
+            leaves: None,
+            ranges: None,
             send_secs: 0.0,
             _parts: all,
             cells,
             data,
         })
     }
+
+    /// Whether its nodes are multi-leaves alone (variant 1).
+    pub fn is_of_leaves(&self) -> bool {
+        matches!(self.cells.mesh().nodes(), Nodes::MultiLeaves(_))
+    }
+
+    /// Ranges of macrocells. They are found from all leaves once; those of multiples of that side are
+    /// joined from them, and the same.
+    pub fn macrocells(&mut self, lattice: &Lattice) -> Result<Macrocells, LatticeError> {
+        let side = lattice.side();
+        let base = match self.ranges.take() {
+            Some(ranges) if side.is_multiple_of(ranges.lattice().side()) => ranges,
+            _ => {
+                let least = if side.is_multiple_of(LEAST_SIDE) {
+                    LEAST_SIDE
+                } else {
+                    side
+                };
+                let lattice = Lattice::new(self.cells.space.axes.clone(), least)?;
+                self.cells.macrocells(lattice, self.map)
+            }
+        };
+        let ranges = base.coarser(side / base.lattice().side());
+        self.ranges = Some(base);
+        ranges
+    }
+}
+
+/// The box around some sub-meshes.
+fn box_around(headers: &[SubmeshHeader]) -> [[f32; 4]; 2] {
+    let none = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    let around = headers.iter().fold(none, |[lo, hi], h| {
+        [
+            [0, 1, 2].map(|a| lo[a].min(h.lo[a])),
+            [0, 1, 2].map(|a| hi[a].max(h.hi[a])),
+        ]
+    });
+    around.map(extended)
 }
 
 fn extended([x, y, z]: [f32; 3]) -> [f32; 4] {
@@ -477,13 +546,14 @@ fn check(device: &Arc<Device>, mesh: &PackedMesh) -> Result<(), GpuError> {
             device: device.name().to_owned(),
         })
     };
-    if !matches!(mesh.nodes(), Nodes::MultiNodes(_)) {
-        return unsupported("a mesh without inner nodes (variant 1)".to_owned());
-    }
     if mesh.index_bits() != INDEX_BITS {
         return unsupported(format!("a mesh with indices of {} bits", mesh.index_bits()));
     }
     let origin = mesh.origin();
+    // Shaders find the sub-mesh of a node by its number.
+    if !mesh.submeshes().is_sorted_by_key(|h| h.first_node) {
+        return unsupported("a mesh whose nodes are not in the order of its sub-meshes".to_owned());
+    }
     for (number, h) in mesh.submeshes().iter().enumerate() {
         if mesh.submesh(number).is_none() {
             return unsupported(format!("sub-mesh {number}, whose parts are not all there,"));

@@ -1,7 +1,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // Whether nodes and indices of a mesh stay within their sub-meshes, once when it is sent: shaders
-// that follow addresses must not follow a damaged file's. A node an invocation, a sub-mesh a row.
+// that follow addresses must not follow a damaged file's. A node an invocation, a sub-mesh a
+// row. `skip` has a bit a node, set once that is somebody's child.
 #include "shared.glsl"
 #include "mesh.glsl"
 
@@ -22,6 +23,10 @@ bool is_sound(Submesh part, uint node) {
         Child child = child_at(part, node, k);
         if (child.is_inner) {
             if (below <= node || below >= part.num_nodes) return false;
+            // A child of two nodes would be gone through twice, and what is below it many times.
+            uint number = part.first_node + below;
+            uint bit = 1u << (number & 31u);
+            if ((atomicOr(push.skip.word[number >> 5], bit) & bit) != 0) return false;
             ++below;
         }
         uint words = leaf_indices(child.counts);
@@ -30,7 +35,7 @@ bool is_sound(Submesh part, uint node) {
         if (!are_vertices(part, first, of_tets)) return false;
         for (uint i = 0; i < child.counts >> 6; ++i) {
             uint place = first + of_tets + 8 * i;
-            uint corners = num_corners(kind_of_other(part, place));
+            uint corners = num_corners(other_at(part, place).kind);
             if (!are_vertices(part, place, corners)) return false;
         }
         first += words;

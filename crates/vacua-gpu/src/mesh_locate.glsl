@@ -3,28 +3,58 @@
 
 const uint LOCATE_STACK = 96;
 
+// A cell, and where it is.
+struct Cell {
+    // Number of its sub-mesh; primitive, node and kind there.
+    uint number;
+    uint primitive;
+    uint node;
+    bool is_other;
+};
+
+// Tries the cells of a leaf, whose primitives begin at an index, that come before the cell so far.
+void try_leaf(Mesh mesh, Submesh part, vec3 place, uint node, uint first, uint counts, inout Cell cell) {
+    uint tets = counts & 3u;
+    uint both = leaf_tets(counts);
+    for (uint i = 0; i < both; ++i) {
+        uint pair = i - tets;
+        uint here = i < tets ? 2 * (first + 4 * i)
+                             : 2 * (first + 4 * tets + 5 * (pair >> 1)) + (pair & 1u);
+        if (here >= cell.primitive) continue;
+        uvec4 vertices;
+        vec3 corners[4];
+        tet_corners(part, here, vertices, corners);
+        if (!tet_accepts(place, corners, mesh.slack.w)) continue;
+        cell.primitive = here;
+        cell.node = node;
+        cell.is_other = false;
+    }
+    first += 4 * tets + 5 * (counts >> 2 & 15u);
+    for (uint i = 0; i < counts >> 6; ++i) {
+        uint here = 2 * (first + 8 * i);
+        if (here >= cell.primitive) continue;
+        Other other = other_at(part, here >> 1);
+        Weights weights;
+        if (!other_accepts(part, other, place, weights)) continue;
+        cell.primitive = here;
+        cell.node = node;
+        cell.is_other = true;
+    }
+}
+
 // Of several cells that accept a place, the one with the lowest packed index.
-bool locate(
-    Mesh mesh,
-    vec3 place,
-    out uint number,
-    out uint primitive,
-    out uint of_node,
-    out bool is_other
-) {
-    primitive = NO_CELL;
-    of_node = 0;
-    is_other = false;
+bool locate(Mesh mesh, vec3 place, out Cell cell) {
+    cell = Cell(0, NO_CELL, 0, false);
     uint stack[LOCATE_STACK];
-    for (number = 0; number < mesh.num_submeshes; ++number) {
-        Submesh part = mesh.submeshes.submesh[number];
+    for (; cell.number < mesh.num_submeshes; ++cell.number) {
+        Submesh part = mesh.submeshes.submesh[cell.number];
         if (!in_box(place, part.lo.xyz, part.hi.xyz)) continue;
         vec3 at = grid_place(part, place);
         uint waiting = 1;
         stack[0] = 0;
         while (waiting > 0) {
             uint node = stack[--waiting];
-            uint first_index = first_index_of(part, node);
+            uint first = first_index_of(part, node);
             uint inner = first_child_of(part, node);
             for (uint k = 0; k < 8; ++k) {
                 Child child = child_at(part, node, k);
@@ -35,38 +65,11 @@ bool locate(
                     ++inner;
                     continue;
                 }
-                uint first = first_index;
-                first_index += leaf_indices(child.counts);
-                if (!is_hit) continue;
-                uint tets = child.counts & 3u;
-                uint both = leaf_tets(child.counts);
-                for (uint i = 0; i < both; ++i) {
-                    uint pair = i - tets;
-                    uint here = i < tets ? 2 * (first + 4 * i)
-                                         : 2 * (first + 4 * tets + 5 * (pair >> 1)) + (pair & 1u);
-                    if (here >= primitive) continue;
-                    uvec4 vertices;
-                    vec3 corners[4];
-                    tet_corners(part, here, vertices, corners);
-                    if (!tet_accepts(place, corners, mesh.slack.w)) continue;
-                    primitive = here;
-                    of_node = node;
-                    is_other = false;
-                }
-                first += 4 * tets + 5 * (child.counts >> 2 & 15u);
-                for (uint i = 0; i < child.counts >> 6; ++i) {
-                    uint here = 2 * (first + 8 * i);
-                    uint kind;
-                    Weights weights;
-                    if (here >= primitive) continue;
-                    if (!other_accepts(part, here, place, kind, weights)) continue;
-                    primitive = here;
-                    of_node = node;
-                    is_other = true;
-                }
+                if (is_hit) try_leaf(mesh, part, place, node, first, child.counts, cell);
+                first += leaf_indices(child.counts);
             }
         }
-        if (primitive != NO_CELL) return true;
+        if (cell.primitive != NO_CELL) return true;
     }
     return false;
 }

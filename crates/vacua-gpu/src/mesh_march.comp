@@ -1,8 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel through a packed mesh: blocks of samples are located, then composited one by one
-// in order, front to back. A sample without extinction multiplies by exactly 1 and adds exactly 0,
-// so that leaving it out changes no bit. Whether a ray ends is asked at the ends of blocks only.
+// One ray a pixel through a packed mesh; the rays of a subgroup search together, unless told otherwise.
 #include "shared.glsl"
 #include "lattice.glsl"
 #include "table.glsl"
@@ -12,204 +10,51 @@
 #include "mesh.glsl"
 #include "mesh_tets.glsl"
 #include "mesh_others.glsl"
-#include "mesh_values.glsl"
 #include "mesh_locate.glsl"
+#include "mesh_values.glsl"
 #include "mesh_search.glsl"
+#include "mesh_ray.glsl"
 
 // Whether the rays of a subgroup search together, or each on its own.
 layout(constant_id = 35) const bool TOGETHER = true;
 
-// The transfer table where it lies: a mesh's samples cost much more than looking them up.
-uvec2 table_entry(uint index) {
-    return push.table.entry[index];
+vec3 forward() {
+    return ray.step;
 }
 
-uint table_ends(uint bin) {
-    return push.table.entry[bin].y >> 16 | push.table.entry[bin + 1].y & 0xffff0000u;
+vec3 sideways() {
+    vec3 turn = parameters.direction_x.xyz;
+    return turn == vec3(0.0) ? parameters.anchor_x.xyz : turn;
 }
 
-#include "composite.glsl"
-
-// The ray, and the block of it that is being sampled.
-Ray ray;
-vec4 corner;
-uint block_first;
-uint block_stride;
-
-vec3 place_of(uint i) {
-    vec3 at = position(ray, float(block_first + i * block_stride));
-    precise vec3 place = fma(at, vec3(corner.w), corner.xyz);
-    return place;
+uint first_wanted(uint wanted) {
+    return subgroupMin(wanted);
 }
 
-// What was found at a sample.
-struct Found {
-    uint number;
-    uint primitive;
-    uint node;
-    bool is_other;
-    // Whether the value is known already, and whether there is one.
-    bool has_value;
-    bool is_valid;
-    float value;
-};
-
-// Adds sample `k` of a cell.
-void add(inout Pixel pixel, Mesh mesh, float k, vec3 place, float optical_length, Found at) {
-    Submesh part = mesh.submeshes.submesh[at.number];
-    float value = at.value;
-    bool is_valid = at.is_valid;
-    if (!at.has_value) {
-        is_valid =
-            value_in_cell(mesh, part, at.primitive, at.node, at.is_other, place, value);
-    }
-    if (!is_valid) return;
-    if (MAXIMUM) {
-        maximise(pixel, k, value);
-        return;
-    }
-    float coordinate = table_coordinate(value);
-    uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
-    float t = coordinate - float(bin);
-    float extinction = extinction_at(bin, t);
-    if (extinction <= 0.0) return;
-    vec3 color = color_at(bin, t);
-    if (SHADED) {
-        vec3 gradient =
-            gradient_in_cell(mesh, part, at.primitive, at.is_other, place) * corner.w;
-        vec2 lit = shade(gradient, ray.direction);
-        precise vec3 shaded = fma(color, vec3(lit.x), vec3(lit.y));
-        color = shaded;
-    }
-    composite(pixel, k, extinction, optical_length, color);
+void find_all(Mesh mesh, Segment segment) {
+    if (TOGETHER) search(mesh, segment);
 }
 
-// Smallest cell in the box between two cubes of ray space, from below: boxes grow to at most two
-// nodes a side of a hierarchy. Twin of `vacua_render`'s minima.
-float smallest(Mesh mesh, vec3 p, vec3 q) {
-    ivec3 lo = ivec3(max(min(p, q), vec3(0.0)));
-    ivec3 hi = ivec3(max(max(p, q), vec3(0.0)));
-    ivec3 n = ivec3(mesh.minima_x, mesh.minima_y, mesh.minima_z);
-    uint first = 0;
-    while (any(greaterThan(hi - lo, ivec3(1)))) {
-        lo >>= 1;
-        hi >>= 1;
-        first += uint(n.x * n.y * n.z);
-        n = (n + 1) >> 1;
-    }
-    float least = LARGEST;
-    for (int z = lo.z; z <= hi.z; ++z) {
-        for (int y = lo.y; y <= hi.y; ++y) {
-            for (int x = lo.x; x <= hi.x; ++x) {
-                least = min(least, mesh.minima.number[first + uint(x + n.x * (y + n.y * z))]);
-            }
-        }
-    }
-    return least;
-}
-
-// Level of the dyadic block that holds sample k: twin of `vacua_render`'s partition.
-uint level_of(Mesh mesh, vec3 rates, uint k) {
-    float finest_sq = dot(rates, rates);
-    for (uint level = MAX_LEVEL; level > 0; --level) {
-        uint first = k & ~((BLOCK << level) - 1);
-        uint last = first + (BLOCK << level) - 1;
-        float size =
-            smallest(mesh, cell_of(position(ray, float(first))), cell_of(position(ray, float(last))));
-        vec3 rate = rates / size;
-        float stride = float(1u << level);
-        if (dot(rate, rate) * stride * stride <= finest_sq) return level;
-    }
-    return 0;
-}
-
-// What a lane found at a sample of its block.
-bool found_at(uint i, out Found at) {
-    uint slot = found_slot(gl_SubgroupInvocationID, i);
-    uint part = found_part[slot];
-    at.primitive = found[slot];
-    at.number = part & PART_BITS;
-    at.node = CELL_DATA ? found_node[slot] : 0;
-    at.is_other = (part & IS_OTHER) != 0;
-    at.has_value = (part & HAS_VALUE) != 0;
-    at.is_valid = (part & IS_VALID) != 0;
-    at.value = found_value[slot];
-    return at.primitive != NO_CELL;
-}
-
-// Finds a sample's cell alone.
-bool located_at(Mesh mesh, vec3 place, out Found at) {
+bool find(Mesh mesh, uint i, vec3 place, out Found at) {
     at.has_value = false;
     at.is_valid = false;
     at.value = 0.0;
-    return locate(mesh, place, at.number, at.primitive, at.node, at.is_other);
-}
-
-// Marches the lane's ray, in step with the others of its subgroup: all of them sample the same
-// block, the first that any of them needs, or wait.
-void march(inout Pixel pixel, Mesh mesh) {
-    vec3 inverse_step = 1.0 / ray.step;
-    float termination = parameters.box_hi.w;
-    float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
-    vec3 rates = ray.step / vec3(
-        parameters.anchor.w, parameters.anchor_x.w, parameters.anchor_y.w
+    if (!TOGETHER) return locate(mesh, place, at.cell);
+    uint slot = found_slot(gl_SubgroupInvocationID, i);
+    uint part = found_part[slot];
+    at.cell = Cell(
+        part & PART_BITS, found[slot], CELL_DATA ? found_node[slot] : 0, (part & IS_OTHER) != 0
     );
-    const uint NEVER = 0xffffffffu;
-    uint k = ray.begin;
-    uint stop = SKIPPING ? k : ray.end;
-    uint last_block = k / BLOCK;
-    while (true) {
-        while (SKIPPING && k >= stop && k < ray.end) {
-            uint next;
-            uint apart = look_ahead(ray, inverse_step, k, next);
-            stop = min(next, ray.end);
-            if (apart > 0) k = stop;
-        }
-        // Whether a ray ends is asked when it comes to another block.
-        bool has_ended = !MAXIMUM && pixel.transmittance < termination && k / BLOCK != last_block;
-        if (has_ended) k = ray.end;
-        uint wanted = k < ray.end ? k / BLOCK : NEVER;
-        uint block = subgroupMin(wanted);
-        if (block == NEVER) break;
-        bool is_turn = wanted == block;
-        Segment segment = Segment(vec3(0.0), vec3(0.0), 0, 0.0, 0);
-        if (is_turn) {
-            last_block = block;
-            uint level = VARYING ? level_of(mesh, rates, k) : 0;
-            block_stride = 1u << level;
-            block_first = k & ~((BLOCK << level) - 1);
-            // From the first sample of it at or after k.
-            uint begin = (k - block_first + block_stride - 1) >> level;
-            uint limit = min(block_first + (BLOCK << level), ray.end);
-            uint end = (limit - block_first + block_stride - 1) >> level;
-            if (begin < end) {
-                segment.mask = (1u << end) - (1u << begin);
-                segment.begin = begin;
-                segment.steps = float(end - 1 - begin);
-                segment.first = place_of(begin);
-                segment.last = place_of(end - 1);
-                pixel.samples += end - begin;
-            }
-            k = block_first + (BLOCK << level);
-            if (VARYING) stop = SKIPPING ? k : ray.end;
-        }
-        if (TOGETHER) search(mesh, segment);
-        uint left = segment.mask;
-        while (left != 0) {
-            uint i = uint(findLSB(left));
-            left &= left - 1;
-            vec3 place = place_of(i);
-            Found at;
-            if (!(TOGETHER ? found_at(i, at) : located_at(mesh, place, at))) continue;
-            float sample_number = float(block_first + i * block_stride);
-            add(pixel, mesh, sample_number, place, optical_length * float(block_stride), at);
-        }
+    if (HAS_OTHERS && (part & HAS_VALUE) != 0) {
+        at.has_value = true;
+        at.is_valid = (part & IS_VALID) != 0;
+        at.value = found_value[slot];
     }
+    return at.cell.primitive != NO_CELL;
 }
 
 void main() {
     Mesh mesh = mesh_of(uvec2(push.planes));
-    corner = mesh.corner;
     // Subgroups see tiles about as wide as high, one below the other.
     uint bits = uint(findMSB(LANES));
     uint columns = 1u << ((bits + 1) / 2);
@@ -219,11 +64,5 @@ void main() {
         gl_WorkGroupID.x * columns + lane % columns,
         (gl_WorkGroupID.y * SUBGROUPS + gl_SubgroupID) * rows + lane / columns
     );
-    uvec2 at = uvec2(own.x, global_row(own.y));
-    bool is_pixel = at.x < parameters.picture.x && at.y < parameters.picture.y;
-    Pixel pixel = empty_pixel();
-    ray = ray_of(at);
-    if (!is_pixel) ray.end = 0;
-    march(pixel, mesh);
-    if (is_pixel) store(pixel, at, own.y, ray.dt, ray.t_start);
+    make_pixel(mesh, own);
 }

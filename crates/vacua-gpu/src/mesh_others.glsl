@@ -366,14 +366,11 @@ bool exact_weights(uint kind, dvec3 x, double distance, out Weights weights) {
 }
 
 // What `f64` says of a cell and a place.
-bool other_exactly(Submesh part, uint primitive, uint kind, vec3 at, out Weights weights) {
-    uint place = primitive >> 1;
-    uint last = num_corners(kind) - 1;
+bool other_exactly(Submesh part, Other other, vec3 at, out Weights weights) {
+    uint kind = other.kind;
     dvec3 from = dvec3(at);
     dvec3 p[8];
-    for (uint k = 0; k < 8; ++k) {
-        p[k] = dvec3(vertex_at(part, other_vertex(part, place, min(k, last)))) - from;
-    }
+    for (uint k = 0; k < 8; ++k) p[k] = dvec3(vertex_at(part, other.vertices[k])) - from;
     dvec3 c[8];
     dvec3 a = p[1] - p[0];
     double distance = 1.0LF;
@@ -423,20 +420,10 @@ bool other_exactly(Submesh part, uint primitive, uint kind, vec3 at, out Weights
     return false;
 }
 
-// The corners of a cell that is no tetrahedron; past its own, the last one again.
-void other_corners(Submesh part, uint place, uint kind, out vec3 corners[8]) {
-    uint last = num_corners(kind) - 1;
-    for (uint k = 0; k < 8; ++k) {
-        corners[k] = vertex_at(part, other_vertex(part, place, min(k, last)));
-    }
-}
-
 // Whether a cell accepts a place, and the weights of its corners there.
-bool other_accepts(Submesh part, uint primitive, vec3 at, out uint kind, out Weights weights) {
-    uint place = primitive >> 1;
-    kind = kind_of_other(part, place);
+bool other_accepts(Submesh part, Other other, vec3 at, out Weights weights) {
     vec3 corners[8];
-    other_corners(part, place, kind, corners);
+    for (uint k = 0; k < 8; ++k) corners[k] = vertex_at(part, other.vertices[k]);
     vec3 lo = corners[0];
     vec3 hi = corners[0];
     for (int k = 1; k < 8; ++k) {
@@ -449,7 +436,7 @@ bool other_accepts(Submesh part, uint primitive, vec3 at, out uint kind, out Wei
         precise vec3 apart = corners[k] - at;
         corners[k] = apart;
     }
-    uint verdict = other_verdict(kind, corners, weights);
+    uint verdict = other_verdict(other.kind, corners, weights);
     if (verdict != IN_DOUBT) return verdict == INSIDE;
-    return other_exactly(part, primitive, kind, at, weights);
+    return other_exactly(part, other, at, weights);
 }

@@ -5,8 +5,8 @@
 #include "mesh.glsl"
 #include "mesh_tets.glsl"
 #include "mesh_others.glsl"
-#include "mesh_values.glsl"
 #include "mesh_locate.glsl"
+#include "mesh_values.glsl"
 #include "mesh_search.glsl"
 
 // Whether the lanes of a subgroup search together, or each on its own.
@@ -18,36 +18,43 @@ vec3 place_of(uint i) {
     return place;
 }
 
+vec3 forward() {
+    return vec3(0.0, 0.0, 1.0);
+}
+
+vec3 sideways() {
+    return vec3(1.0, 0.0, 0.0);
+}
+
 void main() {
     Mesh mesh = mesh_of(uvec2(push.planes));
     uint index = (gl_WorkGroupID.x * SUBGROUPS + gl_SubgroupID) * LANES + gl_SubgroupInvocationID;
     bool is_there = index < parameters.picture.x;
     place = is_there ? push.clips.quad[index].xyz : vec3(0.0);
-    uint number, primitive, node;
-    bool is_other;
+    Cell cell;
     bool is_found;
     float value = 0.0;
     bool is_valid = false;
     if (TOGETHER) {
         search(mesh, Segment(place, place, 0, 0.0, is_there ? 1 : 0));
         uint slot = found_slot(gl_SubgroupInvocationID, 0);
-        primitive = found[slot];
-        number = found_part[slot] & PART_BITS;
-        is_other = (found_part[slot] & IS_OTHER) != 0;
-        node = CELL_DATA ? found_node[slot] : 0;
-        is_found = primitive != NO_CELL;
+        uint part = found_part[slot];
+        cell = Cell(
+            part & PART_BITS, found[slot], CELL_DATA ? found_node[slot] : 0, (part & IS_OTHER) != 0
+        );
+        is_found = cell.primitive != NO_CELL;
     } else {
-        is_found = is_there && locate(mesh, place, number, primitive, node, is_other);
+        is_found = is_there && locate(mesh, place, cell);
     }
     if (!is_there) return;
     if (is_found) {
-        Submesh part = mesh.submeshes.submesh[number];
-        is_valid = value_in_cell(mesh, part, primitive, node, is_other, place, value);
+        Submesh part = mesh.submeshes.submesh[cell.number];
+        is_valid = value_in_cell(mesh, part, cell, place, value);
     }
     push.rgba.quad[index] = vec4(
         value,
         is_valid ? 1.0 : 0.0,
-        uintBitsToFloat(is_found ? number : NO_CELL),
-        uintBitsToFloat(is_found ? primitive : NO_CELL)
+        uintBitsToFloat(is_found ? cell.number : NO_CELL),
+        uintBitsToFloat(is_found ? cell.primitive : NO_CELL)
     );
 }

@@ -1,24 +1,26 @@
 // The cells of blocks of samples of all rays of a subgroup, found together.
 //
-// The rays are neighbours and the blocks lie side by side: a beam. The subgroup goes through the tree
-// once for all of them, a child a lane; then takes the cells of the leaves that the beam meets, sets
-// up one a lane (planes of tetrahedra, boxes of other cells), leaves out what the beam misses, and
-// each ray tries all that is left: which of its samples a tetrahedron holds is the intersection of
-// four half lines. Pairs of other cells and samples in their boxes, and of tetrahedra and samples that
-// rounding leaves in doubt, are collected until there is one for each lane; then all lanes invert
-// maps.
+// The rays are neighbours and the blocks lie side by side: a beam, in a box along its own axes. The
+// subgroup goes through the tree once for all of them, a child a lane; then takes the cells of the
+// leaves that the beam meets, sets up one a lane (planes of tetrahedra, boxes of other cells), leaves
+// out what the beam misses, and each ray tries all that is left: which of its samples a tetrahedron
+// holds is the intersection of four half lines. Rounding is bounded, so that most samples are certain;
+// pairs of cells and samples that are not wait until there is one for each lane, then all lanes judge
+// them. Of other cells a box says which samples they may hold: a lane keeps one such cell a sample
+// until the end, when most samples have one, and only what is more than one becomes a pair at once.
 //
 // What is found does not depend on who searches along: each sample's cell is the one with the lowest
 // packed index of all that accept its place, which `f32` decides where its rounding allows and `f64`
 // elsewhere, as everywhere.
 //
-// Who includes this defines `place_of`, and where `found` is kept that is read by.
+// Who includes this defines `place_of`, `forward` and `sideways`, and reads `found`.
 
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_vote : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_EXT_control_flow_attributes : require
 
 // Lanes of a subgroup, at least 8; subgroups of a workgroup.
 layout(constant_id = 40) const uint LANES = 32;
@@ -27,11 +29,17 @@ layout(local_size_x_id = 42) in;
 
 // Nodes and tetrahedra that wait, at most; a node alone can give 264 of these.
 const uint STACK = 256;
-const uint QUEUE = 512;
-// Quads of words that a tetrahedron takes while it is tried.
-const uint TET_QUADS = 5;
-// Bound on the rounding of volumes along rays, in units of the volume around beam and cell.
-const float BEAM_ROUNDING = 4096.0 / 16777216.0;
+const uint QUEUE = 272 + 2 * LANES;
+// Quads of words that a tetrahedron takes while it is tried, and a beam.
+const uint TET_QUADS = 4;
+const uint BEAM_QUADS = 6;
+// Bound on the rounding of volumes along rays. A normal's component is a difference of products of the
+// cell's other two sides; with the way along its axis from the beam's middle and summed over the axes,
+// these products are rounded some seventy times a volume, and the last volume is what is left by three.
+const float BEAM_ROUNDING = 256.0 / 16777216.0;
+// Slopes of volumes along rays, smaller than which none is told from; and what that takes at most.
+const float LEAST_SLOPE = 1e-30;
+const float SLOPE_ROUNDING = 1e-28;
 // Set with a pair's place in `found` where its cell is a tetrahedron.
 const uint IS_TET = 0x80000000u;
 // Set with a sub-mesh's number where `found_value` holds the value.
@@ -42,40 +50,34 @@ const uint IS_VALID = 0x20000000u;
 const uint PART_BITS = 0x1fffffffu;
 
 shared uint stack[SUBGROUPS * STACK];
-shared uint queue[SUBGROUPS * QUEUE];
-shared uint queue_node[CELL_DATA ? SUBGROUPS * QUEUE : 1];
-shared uvec2 others[SUBGROUPS * LANES * 4];
+shared uint queue[HAS_TETS ? SUBGROUPS * QUEUE : 1];
+shared uint queue_node[CELL_DATA && HAS_TETS ? SUBGROUPS * QUEUE : 1];
+shared uvec2 others[HAS_OTHERS ? SUBGROUPS * LANES * 4 : 1];
 shared vec4 tets[SUBGROUPS * LANES * TET_QUADS];
+shared vec4 beams[SUBGROUPS * BEAM_QUADS];
 shared vec4 pair_places[SUBGROUPS * LANES * 2];
 shared uvec2 pair_cells[SUBGROUPS * LANES * 2];
 // For each sample of each lane: primitive, sub-mesh with the bits above, node, value.
 shared uint found[SUBGROUPS * LANES * BLOCK];
 shared uint found_part[SUBGROUPS * LANES * BLOCK];
 shared uint found_node[CELL_DATA ? SUBGROUPS * LANES * BLOCK : 1];
-shared float found_value[SUBGROUPS * LANES * BLOCK];
+shared float found_value[HAS_OTHERS ? SUBGROUPS * LANES * BLOCK : 1];
 
 // Where sample `i` of the lane's block is, in the mesh's own space.
 vec3 place_of(uint i);
-
-// What a lane looks for: a line through its samples, and which of a block they are.
-struct Segment {
-    vec3 first;
-    vec3 last;
-    uint begin;
-    // Steps from first to last.
-    float steps;
-    uint mask;
-};
+// Where the lane's ray goes, and how it differs from its neighbours, roughly.
+vec3 forward();
+vec3 sideways();
 
 // Where the segments of all lanes are.
 struct Beam {
-    // The middle line, and how far along each axis any sample is from it.
-    vec3 start;
-    vec3 along;
-    vec3 radius;
-    // A box around all.
-    vec3 centre;
+    // Middle of the box along the beam; places are seen from here.
+    vec3 middle;
+    // A box along the mesh's axes about the same middle: half its sides.
     vec3 extent;
+    // The beam's own axes, and half the sides of the box along them.
+    vec3 axes[3];
+    vec3 half_sides;
 };
 
 void together() {
@@ -107,57 +109,123 @@ vec3 most_of_all(vec3 x) {
     return unordered(ivec3(subgroupMax(bits.x), subgroupMax(bits.y), subgroupMax(bits.z)));
 }
 
-Beam beam_of(Segment segment, vec3 slack) {
+float largest_side(vec3 a) {
+    return max(max(abs(a.x), abs(a.y)), abs(a.z));
+}
+
+// Puts the beam around all segments where `this_beam` finds it. Its axes need not be exact, as all is
+// measured along them.
+void set_beam(Segment segment, vec3 slack) {
     bool is_there = segment.mask != 0;
+    uint leader = subgroupBallotFindLSB(subgroupBallot(is_there));
+    vec3 ahead = subgroupShuffle(forward(), leader);
+    vec3 side = sideways();
+    ahead /= max(largest_side(ahead), 1e-37);
+    side /= max(largest_side(side), 1e-37);
+    ahead *= inversesqrt(max(dot(ahead, ahead), 1e-6));
+    side -= ahead * dot(ahead, side);
+    if (dot(side, side) < 1e-4) {
+        side = abs(ahead.x) < 0.7 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0);
+        side -= ahead * dot(ahead, side);
+    }
+    side *= inversesqrt(dot(side, side));
+    vec3 up = cross(ahead, side);
     vec3 none = vec3(LARGEST);
-    vec3 lo0 = least_of_all(is_there ? segment.first : none);
-    vec3 hi0 = most_of_all(is_there ? segment.first : -none);
-    vec3 lo1 = least_of_all(is_there ? segment.last : none);
-    vec3 hi1 = most_of_all(is_there ? segment.last : -none);
-    Beam beam;
-    beam.start = 0.5 * lo0 + 0.5 * hi0;
-    beam.along = (0.5 * lo1 + 0.5 * hi1) - beam.start;
-    vec3 lo = min(lo0, lo1);
-    vec3 hi = max(hi0, hi1);
-    beam.centre = 0.5 * lo + 0.5 * hi;
-    beam.extent = 0.5 * (hi - lo) + 2.0 * slack;
-    beam.radius = 0.5 * max(hi0 - lo0, hi1 - lo1) + 1e-5 * beam.extent + 2.0 * slack;
-    return beam;
+    vec3 lo = least_of_all(is_there ? min(segment.first, segment.last) : none);
+    vec3 hi = most_of_all(is_there ? max(segment.first, segment.last) : -none);
+    vec3 centre = 0.5 * lo + 0.5 * hi;
+    vec3 p = segment.first - centre;
+    vec3 q = segment.last - centre;
+    vec3 along_p = vec3(dot(side, p), dot(up, p), dot(ahead, p));
+    vec3 along_q = vec3(dot(side, q), dot(up, q), dot(ahead, q));
+    vec3 from = least_of_all(is_there ? min(along_p, along_q) : none);
+    vec3 to = most_of_all(is_there ? max(along_p, along_q) : -none);
+    vec3 shift = 0.5 * from + 0.5 * to;
+    vec3 move = side * shift.x + up * shift.y + ahead * shift.z;
+    vec3 half_sides = 0.5 * (to - from);
+    // Much wider than rounding needs.
+    vec3 more = 2.0 * slack + 1e-5 * (half_sides.x + half_sides.y + half_sides.z);
+    vec3 extent = 0.5 * (hi - lo) + abs(move) + more;
+    half_sides += vec3(dot(abs(side), more), dot(abs(up), more), dot(abs(ahead), more));
+    if (gl_SubgroupInvocationID == 0) {
+        uint quad = gl_SubgroupID * BEAM_QUADS;
+        beams[quad] = vec4(centre + move, 0.0);
+        beams[quad + 1] = vec4(extent, 0.0);
+        beams[quad + 2] = vec4(side, 0.0);
+        beams[quad + 3] = vec4(up, 0.0);
+        beams[quad + 4] = vec4(ahead, 0.0);
+        beams[quad + 5] = vec4(half_sides, 0.0);
+    }
+    together();
 }
 
-// One over the way along each axis.
-vec3 inverse_of(vec3 along, float least) {
-    vec3 way = mix(along, vec3(least), lessThan(abs(along), vec3(least)));
-    return 1.0 / way;
+vec3 middle_of_beam() {
+    return beams[gl_SubgroupID * BEAM_QUADS].xyz;
 }
 
-// Whether a line, widened by a box, meets another box.
-bool meets(vec3 start, vec3 inverse, vec3 radius, vec3 lo, vec3 hi) {
-    vec3 p = ((lo - radius) - start) * inverse;
-    vec3 q = ((hi + radius) - start) * inverse;
-    vec3 near = min(p, q);
-    vec3 far = max(p, q);
-    return max(max(near.x, near.y), max(near.z, 0.0)) <= min(min(far.x, far.y), min(far.z, 1.0));
+Beam this_beam() {
+    uint quad = gl_SubgroupID * BEAM_QUADS;
+    return Beam(
+        beams[quad].xyz,
+        beams[quad + 1].xyz,
+        vec3[3](beams[quad + 2].xyz, beams[quad + 3].xyz, beams[quad + 4].xyz),
+        beams[quad + 5].xyz
+    );
+}
+
+// Whether the beam may meet a box along the mesh's axes.
+bool meets(Beam beam, vec3 lo, vec3 hi) {
+    vec3 apart = (0.5 * lo + 0.5 * hi) - beam.middle;
+    vec3 sides = (0.5 * hi - 0.5 * lo) * 1.00001;
+    bool is_met = all(lessThanEqual(abs(apart), sides + beam.extent));
+    for (int a = 0; a < 3; ++a) {
+        float reach = dot(abs(beam.axes[a]), sides) + beam.half_sides[a];
+        is_met = is_met && abs(dot(beam.axes[a], apart)) <= reach;
+    }
+    return is_met;
 }
 
 // Which samples of a block lie between two steps of a segment.
-uint samples_between(Segment segment, float lo, float hi, uint open) {
-    float from = ceil(max(lo, 0.0) - 1e-3);
-    float to = floor(min(hi, segment.steps) + 1e-3);
+uint samples_between(Segment segment, float from, float to, uint open) {
     if (!(from <= to)) return 0;
-    uint a = segment.begin + uint(max(from, 0.0));
-    uint b = segment.begin + uint(min(to, segment.steps));
+    uint a = segment.begin + uint(from);
+    uint b = segment.begin + uint(to);
     return open & ((2u << b) - (1u << a));
 }
 
+// How far a plane's volume reaches over the beam's box, to each side of its middle.
+float reach_of(Beam beam, vec3 normal) {
+    return beam.half_sides.x * abs(dot(normal, beam.axes[0]))
+        + beam.half_sides.y * abs(dot(normal, beam.axes[1]))
+        + beam.half_sides.z * abs(dot(normal, beam.axes[2]));
+}
+
 // Sets up a tetrahedron in a place of the batch if the beam meets it; whether it does.
-bool set_up_tet(Mesh mesh, Submesh part, Beam beam, vec3 inverse, uint primitive, out vec4 quads[TET_QUADS]) {
+bool set_up_tet(Mesh mesh, Submesh part, uint primitive, out vec4 quads[TET_QUADS]) {
+    Beam beam = this_beam();
     uvec4 vertices;
     vec3 corners[4];
     tet_corners(part, primitive, vertices, corners);
-    vec3 lo = min(min(corners[0], corners[1]), min(corners[2], corners[3]));
-    vec3 hi = max(max(corners[0], corners[1]), max(corners[2], corners[3]));
-    if (!meets(beam.start, inverse, beam.radius, lo, hi)) return false;
+    vec3 seen[4];
+    for (int k = 0; k < 4; ++k) seen[k] = corners[k] - beam.middle;
+    vec3 lo = min(min(seen[0], seen[1]), min(seen[2], seen[3]));
+    vec3 hi = max(max(seen[0], seen[1]), max(seen[2], seen[3]));
+    vec3 around = max(max(abs(lo), abs(hi)), beam.extent);
+    float more = 1e-6 * (around.x + around.y + around.z);
+    bool is_met = all(lessThanEqual(lo, beam.extent + more))
+        && all(greaterThanEqual(hi, -beam.extent - more));
+    for (int a = 0; a < 3; ++a) {
+        vec4 at = vec4(
+            dot(beam.axes[a], seen[0]),
+            dot(beam.axes[a], seen[1]),
+            dot(beam.axes[a], seen[2]),
+            dot(beam.axes[a], seen[3])
+        );
+        float reach = beam.half_sides[a] + more;
+        is_met = is_met && min(min(at.x, at.y), min(at.z, at.w)) <= reach
+            && max(max(at.x, at.y), max(at.z, at.w)) >= -reach;
+    }
+    if (!is_met) return false;
     float scale = mesh.slack.w;
     vec3 a = corners[0];
     precise vec3 b = (corners[1] - a) * scale;
@@ -172,127 +240,120 @@ bool set_up_tet(Mesh mesh, Submesh part, Beam beam, vec3 inverse, uint primitive
     db *= turn;
     bc *= turn;
     whole = abs(whole);
-    vec3 side = (hi - lo) * scale;
-    float bound = side.x * side.y * side.z * TET_ROUNDING + TET_SMALLEST;
-    vec3 around = max(max(abs(lo - beam.centre), abs(hi - beam.centre)), beam.extent) * scale;
-    vec3 steepest = max(max(abs(cd), abs(db)), abs(bc));
-    float far_bound = around.x * around.y * around.z * BEAM_ROUNDING + TET_SMALLEST
-        + 4.0 * dot(steepest, mesh.slack.xyz);
-    // Volumes at both ends of the beam's middle line, and how much they may grow across it.
-    vec3 p = beam.start - a;
-    vec3 at_start = vec3(dot(p, cd), dot(p, db), dot(p, bc));
-    vec3 change = vec3(dot(beam.along, cd), dot(beam.along, db), dot(beam.along, bc));
-    vec3 growth = vec3(dot(beam.radius, abs(cd)), dot(beam.radius, abs(db)), dot(beam.radius, abs(bc)));
-    vec3 most = at_start + max(change, vec3(0.0)) + growth;
     vec3 sum = cd + db + bc;
-    float last = whole - (at_start.x + at_start.y + at_start.z)
-        + max(-(change.x + change.y + change.z), 0.0) + dot(beam.radius, abs(sum));
-    if (min(min(most.x, most.y), min(most.z, last)) < -far_bound) return false;
-    vec3 from = a - beam.centre;
-    // Of a cell that may be flat nothing is certain.
-    bool is_flat = !(whole > 4.0 * bound);
-    quads[0] = vec4(cd, -dot_of(cd, from));
-    quads[1] = vec4(db, -dot_of(db, from));
-    quads[2] = vec4(bc, -dot_of(bc, from));
-    quads[3] = vec4(a, whole);
-    quads[4] = vec4(far_bound, is_flat ? LARGEST : bound, uintBitsToFloat(primitive), 0.0);
+    around *= scale;
+    vec3 sides = (hi - lo) * scale;
+    vec3 steepest = max(max(abs(cd), abs(db)), max(abs(bc), abs(sum)));
+    float bound = dot(around, sides.yzx * sides.zxy) * BEAM_ROUNDING + SLOPE_ROUNDING
+        + 2.0 * dot(steepest, mesh.slack.xyz);
+    // Volumes at the middle of the beam.
+    float u = -dot_of(cd, seen[0]);
+    float v = -dot_of(db, seen[0]);
+    float w = -dot_of(bc, seen[0]);
+    float last = whole - ((u + v) + w);
+    float most = min(
+        min(u + reach_of(beam, cd), v + reach_of(beam, db)),
+        min(w + reach_of(beam, bc), last + reach_of(beam, sum))
+    );
+    if (most < -bound) return false;
+    quads[0] = vec4(cd, u);
+    quads[1] = vec4(db, v);
+    quads[2] = vec4(bc, w);
+    quads[3] = vec4(whole, bound, uintBitsToFloat(primitive), 0.0);
     return true;
 }
 
-// Narrows the steps at which a volume that grows by `slope` a step is not negative.
-void narrow(float volume, float slope, inout float lo, inout float hi) {
-    float rise = slope == 0.0 ? -1e-30 : slope;
-    float root = -volume / rise;
-    if (rise > 0.0) lo = max(lo, root);
-    else hi = min(hi, root);
+// Steps of a segment: at all samples between `lo` and `hi` some volumes may not be negative, at all
+// between `sure_lo` and `sure_hi` they are positive.
+struct Span {
+    float lo;
+    float hi;
+    float sure_lo;
+    float sure_hi;
+};
+
+// Narrows a span by a volume that grows by `slope` a step and is off by up to `bound`.
+void narrow(inout Span span, float volume, float slope, float bound) {
+    float rise = abs(slope) < LEAST_SLOPE ? -LEAST_SLOPE : slope;
+    float inverse = 1.0 / rise;
+    float root = -volume * inverse;
+    float margin = bound * abs(inverse);
+    if (rise > 0.0) {
+        span.lo = max(span.lo, root - margin);
+        span.sure_lo = max(span.sure_lo, root + margin);
+    } else {
+        span.hi = min(span.hi, root + margin);
+        span.sure_hi = min(span.sure_hi, root - margin);
+    }
 }
 
-// Which of the lane's samples a tetrahedron of the batch may hold.
-uint samples_of_tet(uint slot, Segment segment, vec3 start, vec3 step, uint open) {
+// Which of the lane's samples a tetrahedron of the batch may hold, and which it holds for sure.
+uvec2 samples_of_tet(uint slot, Segment segment, vec3 start, vec3 step, uint open) {
     uint quad = (gl_SubgroupID * LANES + slot) * TET_QUADS;
     vec4 cd = tets[quad];
     vec4 db = tets[quad + 1];
     vec4 bc = tets[quad + 2];
-    float whole = tets[quad + 3].w;
-    float bound = tets[quad + 4].x;
+    vec2 rest = tets[quad + 3].xy;
+    float bound = rest.y;
     float u = dot_of(cd.xyz, start) + cd.w;
     float v = dot_of(db.xyz, start) + db.w;
     float w = dot_of(bc.xyz, start) + bc.w;
     float du = dot_of(cd.xyz, step);
     float dv = dot_of(db.xyz, step);
     float dw = dot_of(bc.xyz, step);
-    float lo = 0.0;
-    float hi = segment.steps;
-    narrow(u + bound, du, lo, hi);
-    narrow(v + bound, dv, lo, hi);
-    narrow(w + bound, dw, lo, hi);
-    narrow((whole - ((u + v) + w)) + bound, -((du + dv) + dw), lo, hi);
-    return samples_between(segment, lo, hi, open);
+    Span span = Span(0.0, segment.steps, 0.0, segment.steps);
+    narrow(span, u, du, bound);
+    narrow(span, v, dv, bound);
+    narrow(span, w, dw, bound);
+    narrow(span, rest.x - ((u + v) + w), -((du + dv) + dw), bound);
+    // Roots are rounded too, by far less than a thousandth.
+    float from = max(ceil(span.lo - 1e-3), 0.0);
+    float to = min(floor(span.hi + 1e-3), segment.steps);
+    float sure_from = max(ceil(span.sure_lo + 1e-3), 0.0);
+    float sure_to = min(floor(span.sure_hi - 1e-3), segment.steps);
+    uint may = samples_between(segment, from, to, open);
+    uint sure = samples_between(segment, sure_from, sure_to, may);
+    return uvec2(may, sure);
 }
 
 // Which of the lane's samples may lie in the box of another cell of the batch.
-uint samples_of_box(uint slot, Segment segment, vec3 step_inverse, vec3 slack, uint open) {
+uint samples_of_box(uint slot, Segment segment, vec3 start, vec3 step_inverse, uint open) {
     uint quad = (gl_SubgroupID * LANES + slot) * TET_QUADS;
-    vec3 p = ((tets[quad].xyz - slack) - segment.first) * step_inverse;
-    vec3 q = ((tets[quad + 1].xyz + slack) - segment.first) * step_inverse;
+    vec3 p = (tets[quad].xyz - start) * step_inverse;
+    vec3 q = (tets[quad + 1].xyz - start) * step_inverse;
     vec3 near = min(p, q);
     vec3 far = max(p, q);
-    float from = max(max(near.x, near.y), near.z);
-    float to = min(min(far.x, far.y), far.z);
+    float lo = max(max(near.x, near.y), max(near.z, 0.0));
+    float hi = min(min(far.x, far.y), min(far.z, segment.steps));
+    float from = max(ceil(lo - 1e-3), 0.0);
+    float to = min(floor(hi + 1e-3), segment.steps);
     return samples_between(segment, from, to, open);
 }
 
-// Tries a cell of the batch on a sample; true if that is left to be judged.
-bool try_cell(uint number, uint slot, bool is_tet, vec3 place, uint found_at, out uvec2 cell) {
-    uint quad = (gl_SubgroupID * LANES + slot) * TET_QUADS;
-    if (!is_tet) {
-        vec4 lo = tets[quad];
-        vec4 hi = tets[quad + 1];
-        cell = uvec2(floatBitsToUint(lo.w), floatBitsToUint(hi.w));
-        return cell.x < found[found_at] && in_box(place, lo.xyz, hi.xyz);
-    }
-    vec4 corner = tets[quad + 3];
-    vec4 rest = tets[quad + 4];
-    cell = uvec2(floatBitsToUint(rest.z), floatBitsToUint(rest.w));
-    if (cell.x >= found[found_at]) return false;
-    precise vec3 p = place - corner.xyz;
-    float x = dot_of(p, tets[quad].xyz);
-    float y = dot_of(p, tets[quad + 1].xyz);
-    float z = dot_of(p, tets[quad + 2].xyz);
-    precise float last = corner.w - ((x + y) + z);
-    float least = min(min(x, y), min(z, last));
-    if (least > rest.y) {
-        found[found_at] = cell.x;
-        found_part[found_at] = number;
-        if (CELL_DATA) found_node[found_at] = cell.y;
-        return false;
-    }
-    return !(least < -rest.y);
-}
-
 // Settles the last `count` pairs that wait, one a lane.
-void judge_pairs(Submesh part, uint number, uint first, uint count) {
+void judge_pairs(Mesh mesh, Submesh part, uint number, uint first, uint count) {
     uint lane = gl_SubgroupInvocationID;
     uint slot = 0;
     uvec2 cell = uvec2(NO_CELL, 0);
-    uint kind = TETRAHEDRON;
+    bool is_tet = HAS_TETS;
+    Other other;
     Weights weights;
     bool is_accepted = false;
     if (lane < count) {
         uint pair = gl_SubgroupID * LANES * 2 + first + lane;
         vec4 place = pair_places[pair];
         cell = pair_cells[pair];
-        bool is_tet = (floatBitsToUint(place.w) & IS_TET) != 0;
+        is_tet = HAS_TETS && (!HAS_OTHERS || (floatBitsToUint(place.w) & IS_TET) != 0);
         slot = floatBitsToUint(place.w) & ~IS_TET;
         if (cell.x < found[slot]) {
-            if (HAS_TETS && is_tet) {
+            if (is_tet) {
                 uvec4 vertices;
                 vec3 corners[4];
-                vec4 of_tet;
                 tet_corners(part, cell.x, vertices, corners);
-                is_accepted = tet_exactly(place.xyz, corners, of_tet);
+                is_accepted = tet_accepts(place.xyz, corners, mesh.slack.w);
             } else if (HAS_OTHERS) {
-                is_accepted = other_accepts(part, cell.x, place.xyz, kind, weights);
+                other = other_at(part, cell.x >> 1);
+                is_accepted = other_accepts(part, other, place.xyz, weights);
             }
         }
     }
@@ -300,10 +361,10 @@ void judge_pairs(Submesh part, uint number, uint first, uint count) {
     together();
     if (is_accepted && found[slot] == cell.x) {
         uint bits = number;
-        if (HAS_OTHERS && kind != TETRAHEDRON) {
+        if (HAS_OTHERS && !is_tet) {
             float value = 0.0;
             bool is_valid = false;
-            if (!CELL_DATA) is_valid = other_value(part, cell.x, kind, weights, value);
+            if (!CELL_DATA) is_valid = other_value(part, other, weights, value);
             found_value[slot] = value;
             bits |= IS_OTHER | (CELL_DATA ? 0 : HAS_VALUE) | (is_valid ? IS_VALID : 0);
         }
@@ -314,7 +375,7 @@ void judge_pairs(Submesh part, uint number, uint first, uint count) {
 }
 
 // Searches one sub-mesh for the cells of samples that are still `open`.
-void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) {
+void search_part(Mesh mesh, uint number, Segment segment, uint open) {
     Submesh part = mesh.submeshes.submesh[number];
     uint lane = gl_SubgroupInvocationID;
     uint octet = lane >> 3;
@@ -323,17 +384,21 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
     uint queue_base = gl_SubgroupID * QUEUE;
     uint others_base = gl_SubgroupID * LANES * 4;
     uint pairs_base = gl_SubgroupID * LANES * 2;
-    // The beam in sixteenths of the grid, where boxes are exact; wider than rounding needs.
-    vec3 grid_start = grid_place(part, beam.start);
-    vec3 grid_along = beam.along * part.sixteenths.xyz;
-    vec3 grid_inverse = inverse_of(grid_along, 1e-6);
-    vec3 grid_radius = beam.radius * part.sixteenths.xyz + 2.0
-        + 4e-7 * (abs(grid_start) + abs(grid_along));
-    float least = 1e-6 * max(max(beam.extent.x, beam.extent.y), beam.extent.z);
-    vec3 inverse = inverse_of(beam.along, max(least, 1e-37));
-    vec3 start = segment.first - beam.centre;
+    uint tets_base = gl_SubgroupID * LANES * TET_QUADS;
+    vec3 start = segment.first - middle_of_beam();
     vec3 step = segment.steps > 0.0 ? (segment.last - segment.first) / segment.steps : vec3(0.0);
-    vec3 step_inverse = inverse_of(step, max(1e-6 * least, 1e-37));
+    vec3 least = 1e-12 * beams[gl_SubgroupID * BEAM_QUADS + 1].xyz + 1e-37;
+    vec3 step_inverse = 1.0 / mix(step, least, lessThan(abs(step), least));
+    // Of each sample: the tetrahedron with the lowest index that holds it for sure, and another cell
+    // that may hold it, with their nodes.
+    uint best[BLOCK];
+    uint best_node[BLOCK];
+    uint other[BLOCK];
+    uint other_node[BLOCK];
+    [[unroll]] for (uint i = 0; i < BLOCK; ++i) best[i] = NO_CELL;
+    // Samples with such another cell, and those of them that have become pairs.
+    uint have = 0;
+    uint flushed = HAS_OTHERS ? 0 : BLOCK;
     // What waits: nodes, tetrahedra, other cells, pairs; and a batch of cells that are being tried.
     uint waiting = 1;
     uint queued = 0;
@@ -341,49 +406,83 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
     uint num_pairs = 0;
     uint batch = 0;
     uint tried = 0;
-    bool is_of_tets = false;
+    bool is_of_tets = HAS_TETS;
     // Samples that are left of the cell that is being tried.
     uint left = 0;
     if (lane == 0) stack[stack_base] = 0;
     together();
     while (true) {
-        bool is_last = waiting + queued + num_others == 0 && tried == batch;
+        bool is_done = waiting + queued + num_others == 0 && tried == batch;
+        bool is_last = is_done && flushed == BLOCK;
         if (num_pairs >= LANES || (is_last && num_pairs > 0)) {
             uint count = min(num_pairs, LANES);
             num_pairs -= count;
-            judge_pairs(part, number, num_pairs, count);
+            judge_pairs(mesh, part, number, num_pairs, count);
             continue;
         }
         if (is_last) break;
-        if (tried < batch) {
-            while (tried < batch && num_pairs < LANES) {
-                if (!subgroupAny(left != 0)) {
-                    left = is_of_tets
-                        ? samples_of_tet(tried, segment, start, step, open)
-                        : samples_of_box(tried, segment, step_inverse, 2.0 * mesh.slack.xyz, open);
-                }
-                while (num_pairs < LANES && subgroupAny(left != 0)) {
-                    bool is_pair = false;
-                    vec3 place = vec3(0.0);
-                    uint found_at = 0;
-                    uvec2 cell = uvec2(0);
-                    if (left != 0) {
-                        uint i = uint(findLSB(left));
-                        left &= left - 1;
-                        place = place_of(i);
-                        found_at = found_slot(lane, i);
-                        is_pair = try_cell(number, tried, is_of_tets, place, found_at, cell);
+        if (tried < batch || is_done) {
+            // What is to be judged becomes pairs: of the cell that is being tried, or at the end of
+            // the other cells that lanes have kept.
+            while ((is_done ? flushed < BLOCK : tried < batch) && num_pairs < LANES) {
+                uint quad = tets_base + tried * TET_QUADS;
+                bool is_pair = false;
+                uint i = flushed;
+                uvec2 cell = uvec2(0);
+                if (HAS_OTHERS && is_done) {
+                    is_pair = (have >> flushed & 1u) != 0;
+                    [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
+                        if (k == flushed) cell = uvec2(other[k], CELL_DATA ? other_node[k] : 0);
                     }
-                    uvec4 pairs = subgroupBallot(is_pair);
-                    if (is_pair) {
-                        uint pair = pairs_base + num_pairs + subgroupBallotExclusiveBitCount(pairs);
-                        uint bits = found_at | (is_of_tets ? IS_TET : 0);
-                        pair_places[pair] = vec4(place, uintBitsToFloat(bits));
-                        pair_cells[pair] = cell;
+                    ++flushed;
+                } else {
+                    if (!subgroupAny(left != 0)) {
+                        if (HAS_TETS && (!HAS_OTHERS || is_of_tets)) {
+                            uvec2 held = samples_of_tet(tried, segment, start, step, open);
+                            left = held.x & ~held.y;
+                            vec2 rest = tets[quad + 3].zw;
+                            uint primitive = floatBitsToUint(rest.x);
+                            [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
+                                bool is_held = (held.y >> k & 1u) != 0;
+                                if (CELL_DATA && is_held && primitive < best[k]) {
+                                    best_node[k] = floatBitsToUint(rest.y);
+                                }
+                                if (is_held) best[k] = min(best[k], primitive);
+                            }
+                        } else {
+                            uint may = samples_of_box(tried, segment, start, step_inverse, open);
+                            left = may & have;
+                            uint fresh = may & ~have;
+                            have |= fresh;
+                            uint primitive = floatBitsToUint(tets[quad].w);
+                            [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
+                                if ((fresh >> k & 1u) != 0) {
+                                    other[k] = primitive;
+                                    if (CELL_DATA) other_node[k] = floatBitsToUint(tets[quad + 1].w);
+                                }
+                            }
+                        }
+                        if (!subgroupAny(left != 0)) {
+                            ++tried;
+                            continue;
+                        }
                     }
-                    num_pairs += subgroupBallotBitCount(pairs);
+                    is_pair = left != 0;
+                    i = is_pair ? uint(findLSB(left)) : 0;
+                    left &= left - 1;
+                    cell = is_of_tets
+                        ? floatBitsToUint(tets[quad + 3].zw)
+                        : uvec2(floatBitsToUint(tets[quad].w), floatBitsToUint(tets[quad + 1].w));
+                    if (!subgroupAny(left != 0)) ++tried;
                 }
-                if (!subgroupAny(left != 0)) ++tried;
+                uvec4 pairs = subgroupBallot(is_pair);
+                if (is_pair) {
+                    uint pair = pairs_base + num_pairs + subgroupBallotExclusiveBitCount(pairs);
+                    uint bits = found_slot(lane, i) | (!is_done && is_of_tets ? IS_TET : 0);
+                    pair_places[pair] = vec4(place_of(i), uintBitsToFloat(bits));
+                    pair_cells[pair] = cell;
+                }
+                num_pairs += subgroupBallotBitCount(pairs);
             }
             together();
             continue;
@@ -395,13 +494,12 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
             bool is_met = false;
             if (lane < count) {
                 uint primitive = queue[queue_base + queued + lane];
-                is_met = set_up_tet(mesh, part, beam, inverse, primitive, quads);
-                if (CELL_DATA) quads[4].w = uintBitsToFloat(queue_node[queue_base + queued + lane]);
+                is_met = set_up_tet(mesh, part, primitive, quads);
+                if (CELL_DATA) quads[3].w = uintBitsToFloat(queue_node[queue_base + queued + lane]);
             }
             uvec4 met = subgroupBallot(is_met);
             if (is_met) {
-                uint slot = subgroupBallotExclusiveBitCount(met);
-                uint quad = (gl_SubgroupID * LANES + slot) * TET_QUADS;
+                uint quad = tets_base + subgroupBallotExclusiveBitCount(met) * TET_QUADS;
                 for (uint q = 0; q < TET_QUADS; ++q) tets[quad + q] = quads[q];
             }
             batch = subgroupBallotBitCount(met);
@@ -418,20 +516,21 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
             vec3 hi = vec3(-LARGEST);
             uvec2 cell = uvec2(0);
             if (lane < count) {
+                Beam beam = this_beam();
                 cell = others[others_base + num_others + lane];
-                uint place = cell.x >> 1;
-                uint corners = num_corners(kind_of_other(part, place));
-                for (uint k = 0; k < corners; ++k) {
-                    vec3 corner = vertex_at(part, other_vertex(part, place, k));
+                Other other = other_at(part, cell.x >> 1);
+                for (uint k = 0; k < 8; ++k) {
+                    vec3 corner = vertex_at(part, other.vertices[k]);
                     lo = min(lo, corner);
                     hi = max(hi, corner);
                 }
-                is_met = meets(beam.start, inverse, beam.radius, lo, hi);
+                is_met = meets(beam, lo, hi);
+                lo = (lo - beam.middle) - 2.0 * mesh.slack.xyz;
+                hi = (hi - beam.middle) + 2.0 * mesh.slack.xyz;
             }
             uvec4 met = subgroupBallot(is_met);
             if (is_met) {
-                uint slot = subgroupBallotExclusiveBitCount(met);
-                uint quad = (gl_SubgroupID * LANES + slot) * TET_QUADS;
+                uint quad = tets_base + subgroupBallotExclusiveBitCount(met) * TET_QUADS;
                 tets[quad] = vec4(lo, uintBitsToFloat(cell.x));
                 tets[quad + 1] = vec4(hi, uintBitsToFloat(cell.y));
             }
@@ -458,8 +557,13 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
             child = child_at(part, node, child_number);
             first_child = first_child_of(part, node);
             first_index = first_index_of(part, node);
-            is_hit = (child.counts != 0 || child.is_inner)
-                && meets(grid_start, grid_inverse, grid_radius, child.lo, child.hi);
+            if (child.counts != 0 || child.is_inner) {
+                // Powers of two but for the last sum.
+                vec3 unit = 1.0 / part.sixteenths.xyz;
+                vec3 lo = fma(child.lo, unit, part.base.xyz);
+                vec3 hi = fma(child.hi, unit, part.base.xyz);
+                is_hit = meets(this_beam(), lo, hi);
+            }
         }
         uvec4 inner = subgroupBallot(child.is_inner);
         uint inner_before = bitCount(
@@ -498,7 +602,7 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
             }
         }
         queued += subgroupMax(has_room ? tets_before + num_tets : 0);
-        if (HAS_OTHERS && part.has_others != 0) {
+        if (HAS_OTHERS && (part.kinds & HOLDS_OTHERS) != 0) {
             uint count = is_leaf ? child.counts >> 6 : 0;
             uint place = num_others + subgroupExclusiveAdd(count);
             first_index += 4 * singles + 5 * (child.counts >> 2 & 15u);
@@ -509,36 +613,65 @@ void search_part(Mesh mesh, uint number, Segment segment, Beam beam, uint open) 
         }
         together();
     }
+    [[unroll]] for (uint i = 0; i < BLOCK; ++i) {
+        uint slot = found_slot(lane, i);
+        if (HAS_TETS && best[i] < found[slot]) {
+            found[slot] = best[i];
+            found_part[slot] = number;
+            if (CELL_DATA) found_node[slot] = best_node[i];
+        }
+    }
+}
+
+// Searches those of some sub-meshes that the beam meets, in order: a cell of an earlier one comes
+// first. Whether nothing is left to be found.
+bool search_parts(Mesh mesh, uint first, uint end, Segment segment, inout uint open) {
+    uint lane = gl_SubgroupInvocationID;
+    for (; first < end; first += LANES) {
+        uint number = first + lane;
+        bool is_met = false;
+        if (number < end) {
+            vec3 lo = mesh.submeshes.submesh[number].lo.xyz;
+            vec3 hi = mesh.submeshes.submesh[number].hi.xyz;
+            is_met = meets(this_beam(), lo, hi);
+        }
+        while (true) {
+            uint next = subgroupMin(is_met ? number : NO_CELL);
+            if (next == NO_CELL) break;
+            if (next == number) is_met = false;
+            search_part(mesh, next, segment, open);
+            [[unroll]] for (uint i = 0; i < BLOCK; ++i) {
+                if (found[found_slot(lane, i)] != NO_CELL) open &= ~(1u << i);
+            }
+            if (!subgroupAny(open != 0)) return true;
+        }
+    }
+    return false;
 }
 
 // Fills `found` in for the samples of all lanes' segments.
 void search(Mesh mesh, Segment segment) {
     uint lane = gl_SubgroupInvocationID;
-    for (uint i = 0; i < BLOCK; ++i) found[found_slot(lane, i)] = NO_CELL;
+    [[unroll]] for (uint i = 0; i < BLOCK; ++i) found[found_slot(lane, i)] = NO_CELL;
     together();
     if (!subgroupAny(segment.mask != 0)) return;
-    Beam beam = beam_of(segment, mesh.slack.xyz);
-    float least = 1e-6 * max(max(beam.extent.x, beam.extent.y), beam.extent.z);
-    vec3 inverse = inverse_of(beam.along, max(least, 1e-37));
+    set_beam(segment, mesh.slack.xyz);
     uint open = segment.mask;
-    for (uint first = 0; first < mesh.num_submeshes; first += LANES) {
-        uint number = first + lane;
+    uint num_groups = (mesh.num_submeshes + GROUP_PARTS - 1) / GROUP_PARTS;
+    for (uint first = 0; first < num_groups; first += LANES) {
+        uint group = first + lane;
         bool is_met = false;
-        if (number < mesh.num_submeshes) {
-            vec3 lo = mesh.submeshes.submesh[number].lo.xyz;
-            vec3 hi = mesh.submeshes.submesh[number].hi.xyz;
-            is_met = meets(beam.start, inverse, beam.radius, lo, hi);
+        if (group < num_groups) {
+            vec3 lo = mesh.groups.quad[2 * group].xyz;
+            vec3 hi = mesh.groups.quad[2 * group + 1].xyz;
+            is_met = meets(this_beam(), lo, hi);
         }
-        // In order: a cell of an earlier sub-mesh comes first.
         while (true) {
-            uint next = subgroupMin(is_met ? number : NO_CELL);
+            uint next = subgroupMin(is_met ? group : NO_CELL);
             if (next == NO_CELL) break;
-            if (next == number) is_met = false;
-            search_part(mesh, next, segment, beam, open);
-            for (uint i = 0; i < BLOCK; ++i) {
-                if (found[found_slot(lane, i)] != NO_CELL) open &= ~(1u << i);
-            }
-            if (!subgroupAny(open != 0)) return;
+            if (next == group) is_met = false;
+            uint end = min((next + 1) * GROUP_PARTS, mesh.num_submeshes);
+            if (search_parts(mesh, next * GROUP_PARTS, end, segment, open)) return;
         }
     }
 }

@@ -37,38 +37,31 @@ bool tet_value(Mesh mesh, Submesh part, uint primitive, vec3 place, out float va
 }
 
 // The value in another cell, from the weights of its corners; false if there is none.
-bool other_value(Submesh part, uint primitive, uint kind, Weights weights, out float value) {
-    uint place = primitive >> 1;
-    Mixture m = mixture(stored_value(part, other_vertex(part, place, 0)));
-    uint corners = num_corners(kind);
+bool other_value(Submesh part, Other other, Weights weights, out float value) {
+    Mixture m = mixture(stored_value(part, other.vertices[0]));
+    uint corners = num_corners(other.kind);
     for (uint k = 1; k < 8; ++k) {
         if (k >= corners) break;
         float weight = k < 4 ? weights.low[k] : weights.high[k - 4];
-        mix_in(m, stored_value(part, other_vertex(part, place, k)), weight);
+        mix_in(m, stored_value(part, other.vertices[k]), weight);
     }
     value = clamp(m.sum, m.lo, m.hi);
     return m.is_valid;
 }
 
 // The value in a cell that accepts a place; false if there is none.
-bool value_in_cell(
-    Mesh mesh,
-    Submesh part,
-    uint primitive,
-    uint node,
-    bool is_other,
-    vec3 place,
-    out float value
-) {
+bool value_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place, out float value) {
     if (CELL_DATA) {
-        value = cell_value(part, node, primitive);
+        value = cell_value(part, cell.node, cell.primitive);
         return is_number(value);
     }
-    if (!HAS_OTHERS || (HAS_TETS && !is_other)) return tet_value(mesh, part, primitive, place, value);
-    uint kind;
+    if (!HAS_OTHERS || (HAS_TETS && !cell.is_other)) {
+        return tet_value(mesh, part, cell.primitive, place, value);
+    }
+    Other other = other_at(part, cell.primitive >> 1);
     Weights weights;
-    other_accepts(part, primitive, place, kind, weights);
-    return other_value(part, primitive, kind, weights, value);
+    other_accepts(part, other, place, weights);
+    return other_value(part, other, weights, value);
 }
 
 // How the weight of a corner changes with each local coordinate, from the weights of all.
@@ -112,17 +105,20 @@ vec3 slope_of(uint kind, uint k, Weights w) {
 }
 
 // The gradient in the mesh's own space, in a cell that accepts a place; 0 where its map is singular.
-vec3 gradient_in_cell(Mesh mesh, Submesh part, uint primitive, bool is_other, vec3 place) {
+vec3 gradient_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place) {
     if (CELL_DATA) return vec3(0.0);
     uint kind = TETRAHEDRON;
     Weights weights = Weights(vec4(0.0), vec4(0.0));
     uvec4 vertices = uvec4(0);
-    is_other = HAS_OTHERS && (!HAS_TETS || is_other);
+    Other other;
+    bool is_other = HAS_OTHERS && (!HAS_TETS || cell.is_other);
     if (is_other) {
-        other_accepts(part, primitive, place, kind, weights);
-        vertices.x = other_vertex(part, primitive >> 1, 0);
+        other = other_at(part, cell.primitive >> 1);
+        kind = other.kind;
+        other_accepts(part, other, place, weights);
+        vertices.x = other.vertices[0];
     } else {
-        vertices = tet_vertices(part, primitive);
+        vertices = tet_vertices(part, cell.primitive);
     }
     vec3 first = vertex_at(part, vertices.x);
     float first_value = stored_value(part, vertices.x);
@@ -134,7 +130,7 @@ vec3 gradient_in_cell(Mesh mesh, Submesh part, uint primitive, bool is_other, ve
     float scale = mesh.slack.w;
     for (uint k = 1; k < corners; ++k) {
         // Differences to the first corner: the slopes of all corners are 0 in sum.
-        uint vertex = is_other ? other_vertex(part, primitive >> 1, k) : vertices[k];
+        uint vertex = is_other ? other.vertices[k] : vertices[k];
         vec3 slope = slope_of(kind, k, weights);
         vec3 apart = (vertex_at(part, vertex) - first) * scale;
         float value = stored_value(part, vertex) - first_value;

@@ -9,6 +9,7 @@ mod auto;
 mod finder;
 mod inspect;
 mod job;
+mod leaves;
 mod mesh;
 mod options;
 mod outline;
@@ -31,6 +32,8 @@ use vacua_render::{
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
 use self::job::SkipKey;
+use self::leaves::LeafPipelines;
+pub(crate) use self::leaves::Leaves;
 use self::mesh::MeshPipelines;
 use self::outline::Outline;
 use self::pipelines::Pipelines;
@@ -89,6 +92,7 @@ pub struct GpuRenderer {
     /// The packed mesh, if it is one that is rendered.
     mesh: Option<DeviceMesh>,
     mesh_pipelines: MeshPipelines,
+    leaf_pipelines: LeafPipelines,
     macrocells: BTreeMap<usize, DeviceMacrocells>,
     look: Option<Look>,
     /// What the mask was made of, and whether distances were made of it.
@@ -184,6 +188,7 @@ impl GpuRenderer {
             volume: None,
             mesh: None,
             mesh_pipelines: MeshPipelines::default(),
+            leaf_pipelines: LeafPipelines::default(),
             macrocells: BTreeMap::new(),
             look: None,
             skip: None,

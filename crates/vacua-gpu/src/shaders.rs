@@ -48,4 +48,16 @@ shaders! {
     PACKED_MARCH = "mesh_march";
     /// Values of a packed mesh at places.
     PACKED_SAMPLE = "mesh_sample";
+    /// Boxes of the multi-leaves of a packed mesh.
+    PACKED_BOXES = "mesh_boxes";
+    /// The picture of a packed mesh, whose multi-leaves ray queries find.
+    PACKED_QUERY = "mesh_query";
+    /// The picture of a packed mesh, whose multi-leaves a ray tracing pipeline finds.
+    PACKED_GENERATION = "mesh_traced.rgen";
+    /// Which cell of a multi-leaf a place is in.
+    PACKED_INTERSECTION = "mesh_traced.rint";
+    /// The first of all cells that a place is in.
+    LOWEST_HIT = "lowest.rahit";
+    /// All cells have been met.
+    LOWEST_MISS = "lowest.rmiss";
 }

@@ -7,9 +7,12 @@ use std::sync::Arc;
 
 use common::*;
 use glam::DVec3;
-use vacua_gpu::{GpuOptions, GpuRenderer, MeshSample};
-use vacua_pack::BlockSampler;
+use vacua_gpu::{GpuOptions, GpuRenderer, MeshSample, Tracer};
+use vacua_io::Source;
 use vacua_pack::block::Places;
+use vacua_pack::file::{PackedFile, seal, write_file};
+use vacua_pack::layout::{Child, MultiNode};
+use vacua_pack::{BlockSampler, EncodeOptions, Nodes, PackedField, PackedVolume, Variant, encode};
 use vacua_render::contract::PackedCells;
 use vacua_render::{
     Camera, ClipPlane, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer, Scene,
@@ -442,6 +445,136 @@ fn scales_and_offsets() {
             let look = look(0.0, 1.0, 1.5 * scale, ValueScale::Linear);
             let what = format!("{kind}, scale {scale}, offset {offset}");
             check(&what, &scene(volume_of(&dataset), look), &mesh_settings());
+        }
+    }
+}
+
+/// A file, checksums right, in which a node is the child of two others: whoever goes down both ways
+/// may do so at every level, and never comes to an end.
+#[test]
+fn children_of_two_nodes_are_refused() {
+    let Some(mut gpu) = renderer(GpuOptions::default()) else {
+        return;
+    };
+    let spec = MeshSpec {
+        size: 16,
+        ..MeshSpec::new(MeshKind::Tet100)
+    };
+    let volume = volume_of(&generate_mesh(&spec).expect("a mesh"));
+    let cells = PackedCells::of_data(&volume.into()).expect("it can be packed");
+    let cells = cells.expect("a mesh");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("mesh.vacua");
+    write_file(&path, cells.mesh(), std::slice::from_ref(cells.field())).expect("room");
+    let mut bytes = std::fs::read(&path).expect("it was written");
+    let open = |bytes: &[u8]| {
+        let file = PackedFile::from_source(Source::from_bytes(&path, bytes.to_vec()));
+        PackedVolume::open(&file.expect("right checksums"), &FieldChoice::Only)
+    };
+    let look = look(0.0, 1.0, 1.5, ValueScale::Linear);
+    let tiny = RenderSettings {
+        width: 8,
+        height: 8,
+        ..settings()
+    };
+    let whole = Scene::new(Arc::new(open(&bytes).expect("a mesh")), look.clone());
+    gpu.render(&whole, &tiny).expect("a sound mesh");
+    let Nodes::MultiNodes(nodes) = cells.mesh().nodes() else {
+        panic!("variant 2 has inner nodes");
+    };
+    let all = cells.mesh().nodes().bytes();
+    let at = bytes.windows(all.len()).position(|w| w == all);
+    let at = at.expect("nodes lie in the file as in memory");
+    let nodes = nodes.as_slice();
+    let children = |n: &MultiNode| {
+        let of_node = (0..8).map(|c| n.leaf.child(c));
+        of_node.filter(|c| matches!(c, Child::Inner)).count()
+    };
+    let inner: Vec<usize> = (0..nodes.len())
+        .filter(|&n| children(&nodes[n]) > 0)
+        .collect();
+    // A node gets the children of a later one, which has as many at least.
+    let pairs = inner
+        .iter()
+        .flat_map(|&a| inner.iter().map(move |&b| (a, b)));
+    let mut pairs = pairs.filter(|&(a, b)| a < b && children(&nodes[a]) <= children(&nodes[b]));
+    let (first, later) = pairs.next().expect("a tree of some levels");
+    let size = size_of::<MultiNode>();
+    let child = nodes[later].first_child.to_le_bytes();
+    let place = at + first * size + size - 4;
+    bytes[place..place + 4].copy_from_slice(&child);
+    seal(&mut bytes);
+    let Ok(hostile) = open(&bytes) else {
+        panic!("only the device looks at nodes");
+    };
+    let refused = gpu.render(&Scene::new(Arc::new(hostile), look), &tiny);
+    let message = refused.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(message.contains("damaged"), "{message}");
+    gpu.render(&whole, &tiny).expect("it still renders");
+    assert_valid(&gpu);
+}
+
+/// Variant 1: multi-leaves under an acceleration structure, by ray queries and on a pipeline.
+#[test]
+fn multi_leaves_are_found_by_rays_of_no_length() {
+    for kind in [MeshKind::Tet100, MeshKind::Octree] {
+        let spec = MeshSpec {
+            jitter: 0.15,
+            holes: 0.1,
+            shuffled: true,
+            ..small(kind)
+        };
+        let volume = volume_of(&generate_mesh(&spec).expect("a mesh"));
+        let options = EncodeOptions {
+            variant: Variant::MultiLeaves,
+            ..EncodeOptions::default()
+        };
+        let mesh = volume.mesh().expect("a mesh");
+        let encoded = encode(mesh, options).expect("it can be packed");
+        let association = volume.association();
+        let scalars = volume.scalars();
+        let field = PackedField::pack(&encoded.mesh, &encoded.map, "f", association, scalars);
+        let packed = PackedVolume::new(encoded.mesh, field.expect("a field"));
+        let whole = scene(volume, look(0.0, 1.0, 1.5, ValueScale::Linear));
+        let leaves = Scene {
+            data: packed.into(),
+            ..whole.clone()
+        };
+        let expected = on_cpu(&leaves, &mesh_settings());
+        let mut pictures = Vec::new();
+        for tracer in [Tracer::Pipeline, Tracer::Query] {
+            let Some(mut gpu) = renderer(GpuOptions {
+                tracer: Some(tracer),
+                ..GpuOptions::default()
+            }) else {
+                return;
+            };
+            let info = gpu.device().info();
+            let is_there = match tracer {
+                Tracer::Pipeline => info.has_ray_tracing(),
+                Tracer::Query => info.has_ray_queries(),
+            };
+            if !is_there {
+                assert!(
+                    std::env::var_os("VACUA_GPU_REQUIRED").is_none(),
+                    "{tracer:?}"
+                );
+                continue;
+            }
+            for skip in [SkipMethod::None, SkipMethod::Grid] {
+                let settings = RenderSettings {
+                    skip,
+                    ..mesh_settings()
+                };
+                pictures.push(gpu.render(&leaves, &settings).expect("a good scene").frame);
+            }
+            let bytes = gpu.mesh_bytes().expect("a mesh");
+            assert!(bytes.structures > 0, "the structure is counted");
+            assert_valid(&gpu);
+        }
+        for picture in &pictures {
+            assert_same_bits(&format!("{kind}, traced"), picture, &pictures[0]);
+            assert_alike(&format!("{kind}, traced"), picture, &expected);
         }
     }
 }

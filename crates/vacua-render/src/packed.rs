@@ -7,6 +7,8 @@
 //! once: that is where the sample is.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -35,6 +37,9 @@ const POOL: usize = 4;
 const SIZE_STEPS: f64 = (1u64 << 24) as f64;
 /// The smallest cell size that sampling follows is the lattice's diagonal over this.
 const MAX_RESOLUTION: f64 = (1 << 20) as f64;
+
+/// A box in ray space, and the range of the values in it.
+type Item = ([[f32; 3]; 2], [f32; 2]);
 
 /// A mesh with a field, encoded, ready to be sampled.
 pub struct PackedCells {
@@ -187,21 +192,23 @@ impl PackedCells {
     fn sizes(&self) -> Result<(f64, Strides), RenderError> {
         let lattice = self.lattice()?;
         let counts = lattice.counts();
-        let parts: Vec<Vec<(u32, f32)>> = (0..self.mesh().submeshes().len())
+        let sums: Vec<(AtomicU64, AtomicU32)> =
+            (0..lattice.len()).map(|_| Default::default()).collect();
+        (0..self.mesh().submeshes().len())
             .into_par_iter()
             .filter_map(|s| self.mesh().submesh(s))
-            .map(|submesh| self.sizes_in(&submesh, &lattice))
-            .collect();
-        // Whole numbers, so that no order of the cells, which variants differ in, changes a sum.
-        let mut sums = vec![(0u64, 0u32); lattice.len()];
-        for (cube, size) in parts.into_iter().flatten() {
-            let sum = &mut sums[cube as usize];
-            let size = (f64::from(size) * SIZE_STEPS) as u64;
-            *sum = (sum.0.saturating_add(size), sum.1 + 1);
-        }
+            .for_each(|submesh| {
+                self.sizes_in(&submesh, &lattice, |cube, sum, count| {
+                    // Whole numbers, so that no order of the cells, which variants and threads differ
+                    // in, changes a sum.
+                    let add = |s: u64| Some(s.saturating_add(sum));
+                    let _ = sums[cube].0.fetch_update(Relaxed, Relaxed, add);
+                    sums[cube].1.fetch_add(count, Relaxed);
+                });
+            });
         let sums: Vec<(f64, u32)> = sums
-            .into_iter()
-            .map(|(sum, count)| (sum as f64 / SIZE_STEPS, count))
+            .into_par_iter()
+            .map(|(sum, count)| (sum.into_inner() as f64 / SIZE_STEPS, count.into_inner()))
             .collect();
         let pools = counts.map(|n| n.div_ceil(POOL));
         let mut pooled = vec![(0.0f64, 0u64); pools.iter().product()];
@@ -236,10 +243,11 @@ impl PackedCells {
         Ok((finest, strides))
     }
 
-    /// The sizes of a sub-mesh's cells, each in the cube of its middle.
-    fn sizes_in(&self, submesh: &Submesh, lattice: &Lattice) -> Vec<(u32, f32)> {
+    /// Calls `add` with the sizes of a sub-mesh's cells, in steps, and their number, each in the cube of
+    /// its middle; those of neighbours in a cube come together.
+    fn sizes_in(&self, submesh: &Submesh, lattice: &Lattice, add: impl Fn(usize, u64, u32)) {
         let [nx, ny, _] = lattice.counts();
-        let mut sizes = Vec::new();
+        let mut last = (0, 0u64, 0);
         for node in 0..submesh.header.num_nodes {
             submesh.cells_of_node(node, |_, cell_type, corners| {
                 let mut positions = [DVec3::ZERO; 8];
@@ -255,24 +263,30 @@ impl PackedCells {
                     (middle - DVec3::from(self.corner.map(f64::from))) / f64::from(self.cube);
                 if size > 0.0 && size.is_finite() && middle.is_finite() {
                     let at = [0, 1, 2].map(|a| lattice.macrocell_of(a, middle[a] as f32));
-                    sizes.push(((at[0] + nx * (at[1] + ny * at[2])) as u32, size as f32));
+                    let cube = at[0] + nx * (at[1] + ny * at[2]);
+                    let steps = (f64::from(size as f32) * SIZE_STEPS) as u64;
+                    if cube != last.0 {
+                        add(last.0, last.1, last.2);
+                        last = (cube, 0, 0);
+                    }
+                    last = (cube, last.1.saturating_add(steps), last.2 + 1);
                 }
             });
         }
-        sizes
+        add(last.0, last.1, last.2);
     }
 
     /// Ranges of the values that sampling can compute in each macrocell, from those of leaves.
     pub fn macrocells(&self, lattice: Lattice, map: ValueMap) -> Macrocells {
         let items: Vec<Vec<_>> = (0..self.mesh().submeshes().len())
             .into_par_iter()
-            .map(|s| self.leaf_boxes(s, map))
+            .map(|s| in_macrocells(&lattice, &self.leaf_boxes(s, map)))
             .collect();
         Macrocells::of_boxes(lattice, items.into_iter().flatten())
     }
 
     /// Boxes in ray space, widened, and ranges of the leaves of a sub-mesh.
-    fn leaf_boxes(&self, number: usize, map: ValueMap) -> Vec<([[f32; 3]; 2], [f32; 2])> {
+    fn leaf_boxes(&self, number: usize, map: ValueMap) -> Vec<Item> {
         let mut items = Vec::new();
         let field = self.volume.field();
         field.leaf_ranges(self.mesh(), number, |[lo, hi], range| {
@@ -308,6 +322,44 @@ impl PackedCells {
             corner: self.corner,
         }
     }
+}
+
+/// The ranges of some items that lie close together, joined by macrocell: an item for each that they
+/// touch, in its middle.
+fn in_macrocells(lattice: &Lattice, items: &[Item]) -> Vec<Item> {
+    let index = |at: [f32; 3]| [0, 1, 2].map(|a| lattice.macrocell_of(a, at[a]));
+    let (mut from, mut to) = ([usize::MAX; 3], [0; 3]);
+    for ([lo, hi], _) in items {
+        let (lo, hi) = (index(*lo), index(*hi));
+        for a in 0..3 {
+            from[a] = from[a].min(lo[a]);
+            to[a] = to[a].max(hi[a] + 1);
+        }
+    }
+    let [nx, ny, nz] = [0, 1, 2].map(|a| to[a].saturating_sub(from[a]));
+    let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; nx * ny * nz];
+    for ([lo, hi], range) in items {
+        let (lo, hi) = (index(*lo), index(*hi));
+        for z in lo[2]..=hi[2] {
+            for y in lo[1]..=hi[1] {
+                for x in lo[0]..=hi[0] {
+                    let row = (y - from[1]) + ny * (z - from[2]);
+                    let joined = &mut ranges[(x - from[0]) + nx * row];
+                    *joined = [joined[0].min(range[0]), joined[1].max(range[1])];
+                }
+            }
+        }
+    }
+    let side = lattice.side();
+    let item = |(i, &range): (usize, &[f32; 2])| {
+        let at = [i % nx, i / nx % ny, i / nx / ny];
+        let middle = [0, 1, 2].map(|a| ((from[a] + at[a]) * side) as f32 + 0.5);
+        ([middle; 2], range)
+    };
+    let all = ranges.iter().enumerate();
+    all.filter(|(_, range)| range[0] <= range[1])
+        .map(item)
+        .collect()
 }
 
 /// Side of a lattice cube: as small as leaves enough cells to a cube, and not too many cubes along an

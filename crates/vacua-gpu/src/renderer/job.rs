@@ -92,8 +92,10 @@ impl GpuRenderer {
         parameters.picture[3] = self.share.bits();
         if uses_mask && !self.macrocells.contains_key(&plan.side) {
             let mut cells = DeviceMacrocells::new(&self.device, &lattice)?;
-            if let Some(mesh) = &self.mesh {
-                let macrocells = mesh.cells.macrocells(lattice.clone(), mesh.map);
+            if let Some(mesh) = &mut self.mesh {
+                let macrocells = mesh.macrocells(&lattice);
+                let macrocells =
+                    macrocells.map_err(|e| GpuError::Render(RenderError::Lattice(e)))?;
                 cells.send_ranges(&self.device, &mut self.commands, &self.layout, &macrocells)?;
             }
             self.macrocells.insert(plan.side, cells);

@@ -10,6 +10,7 @@ use vacua_render::contract::PackedCells;
 use vacua_volume::{Association, ValueScale};
 
 use super::pipelines::Special;
+use super::submit::Marcher;
 use super::{GpuRenderer, Tables};
 use crate::error::GpuError;
 use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
@@ -17,12 +18,14 @@ use crate::shaders;
 use crate::shared::{Parameters, Push, constant, words};
 use crate::vulkan::{Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder};
 
-/// A shader over a mesh.
+/// A compute shader over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum MeshShader {
+pub(super) enum MeshShader {
     Check,
     March,
     Sample,
+    Boxes,
+    Query,
 }
 
 /// Pipelines of meshes so far.
@@ -30,7 +33,7 @@ enum MeshShader {
 pub(super) struct MeshPipelines(HashMap<(MeshShader, Vec<Constant>), Arc<ComputePipeline>>);
 
 impl MeshPipelines {
-    fn get(
+    pub(super) fn get(
         &mut self,
         layout: &Layout,
         shader: MeshShader,
@@ -44,6 +47,8 @@ impl MeshPipelines {
             MeshShader::Check => shaders::PACKED_CHECK,
             MeshShader::March => shaders::PACKED_MARCH,
             MeshShader::Sample => shaders::PACKED_SAMPLE,
+            MeshShader::Boxes => shaders::PACKED_BOXES,
+            MeshShader::Query => shaders::PACKED_QUERY,
         };
         let spirv = words(spirv).unwrap_or_default();
         let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
@@ -148,7 +153,7 @@ impl GpuRenderer {
         self.options.together = together;
     }
 
-    fn subgroups(&self) -> Result<Subgroups, GpuError> {
+    pub(super) fn subgroups(&self) -> Result<Subgroups, GpuError> {
         match self.device.info().subgroup_lanes {
             Some(lanes) => {
                 let kind = self.device.info().kind;
@@ -169,6 +174,7 @@ impl GpuRenderer {
         cells: PackedCells,
     ) -> Result<(), GpuError> {
         self.subgroups()?;
+        self.check_variant(&cells)?;
         let start = Instant::now();
         let advised = self.device.info().max_allocation_bytes.max(1 << 28);
         let limit = self.options.max_buffer_bytes.unwrap_or(u64::MAX);
@@ -183,6 +189,11 @@ impl GpuRenderer {
         )?;
         self.layout.bind_parameters(&self.tables.parameters);
         self.check_mesh(&mesh)?;
+        if mesh.is_of_leaves() {
+            let leaves = self.build_leaves(&mesh)?;
+            mesh.bytes.structures = leaves.size_bytes();
+            mesh.leaves = Some(leaves);
+        }
         mesh.send_secs = start.elapsed().as_secs_f64();
         self.mesh = Some(mesh);
         Ok(())
@@ -190,25 +201,30 @@ impl GpuRenderer {
 
     /// Has the device look whether a mesh stays within itself.
     fn check_mesh(&mut self, mesh: &DeviceMesh) -> Result<(), GpuError> {
-        const MOST_PARTS: usize = 1 << 15;
-        const GROUPS: u32 = 64;
         let inner = vec![Constant {
             id: mesh_constant::INNER_NODES,
-            bits: 1,
+            bits: u32::from(!mesh.is_of_leaves()),
         }];
         let pipeline = self
             .mesh_pipelines
             .get(&self.layout, MeshShader::Check, inner)?;
+        let num_nodes = mesh.cells.mesh().nodes().len() as u64;
+        let marks = Buffer::new(
+            &self.device,
+            "checking the mesh",
+            num_nodes.div_ceil(32).max(1) * 4,
+            Place::Device,
+        )?;
         let push = Push {
             planes: mesh.header.address(),
+            skip: marks.address(),
             ..Push::default()
         };
-        let parts = mesh.cells.mesh().submeshes().len().clamp(1, MOST_PARTS) as u32;
         let tables = &self.tables;
         self.commands.run(&self.layout, |recorder| {
-            recorder.stage("check", |r| {
-                r.dispatch(&pipeline, &push, [GROUPS, parts, 1])
-            });
+            recorder.clear(&marks);
+            recorder.barrier();
+            recorder.stage("check", |r| r.dispatch(&pipeline, &push, mesh.rows()));
             recorder.copy(
                 &mesh.header,
                 &tables.mesh_header,
@@ -233,6 +249,9 @@ impl GpuRenderer {
         let Some(mesh) = &self.mesh else {
             return Ok(Vec::new());
         };
+        if mesh.is_of_leaves() {
+            return Err(self.unsupported("places in a mesh without inner nodes"));
+        }
         let device = &self.device;
         let quads: Vec<[f32; 4]> = places.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
         let size = size_of_val(quads.as_slice()) as u64;
@@ -275,11 +294,8 @@ impl GpuRenderer {
         Ok(samples.collect())
     }
 
-    /// The pipeline that makes pictures of the mesh, and how its subgroups search.
-    pub(super) fn mesh_marcher(
-        &mut self,
-        special: Special,
-    ) -> Result<(Arc<ComputePipeline>, Subgroups), GpuError> {
+    /// What makes pictures of the mesh.
+    pub(super) fn mesh_marcher(&mut self, special: Special) -> Result<Marcher, GpuError> {
         let subgroups = self.subgroups()?;
         let Some(mesh) = &self.mesh else {
             return Err(self.unsupported("no mesh"));
@@ -295,14 +311,25 @@ impl GpuRenderer {
             id,
             bits: special[id as usize],
         }));
+        if mesh.is_of_leaves() {
+            return self.leaf_marcher(constants);
+        }
         let pipeline = self
             .mesh_pipelines
             .get(&self.layout, MeshShader::March, constants)?;
-        Ok((pipeline, subgroups))
+        Ok(Marcher::Mesh(pipeline, subgroups))
     }
 }
 
 impl DeviceMesh {
+    /// Workgroups of shaders that look at every node: some a sub-mesh, a row each.
+    pub(super) fn rows(&self) -> [u32; 3] {
+        const MOST_PARTS: usize = 1 << 15;
+        const GROUPS: u32 = 64;
+        let parts = self.cells.mesh().submeshes().len().clamp(1, MOST_PARTS);
+        [GROUPS, parts as u32, 1]
+    }
+
     /// Has the header sent to the host, as shaders left it.
     pub(super) fn send_header(&self, recorder: &Recorder<'_>, tables: &Tables) {
         let size = size_of::<MeshHeader>() as u64;
@@ -318,7 +345,7 @@ impl Tables {
 }
 
 /// What all shaders over a mesh are specialised for.
-fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant> {
+pub(super) fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant> {
     let is_cell_data = mesh.cells.field().association() == Association::Cell;
     let constant = |id, bits| Constant { id, bits };
     let [tets, others @ ..] = mesh.cells.mesh().num_cells_by_type();
@@ -327,7 +354,7 @@ fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant> {
         constant(mesh_constant::HAS_TETS, u32::from(tets > 0)),
         constant(mesh_constant::HAS_OTHERS, u32::from(has_others)),
         constant(mesh_constant::VALUE_TYPE, mesh.value_type as u32),
-        constant(mesh_constant::INNER_NODES, 1),
+        constant(mesh_constant::INNER_NODES, u32::from(!mesh.is_of_leaves())),
         constant(
             mesh_constant::VARYING,
             u32::from(mesh.cells.minima().is_some()),

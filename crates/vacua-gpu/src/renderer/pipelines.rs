@@ -167,7 +167,8 @@ impl Pipelines {
         let shaders = RayShaders {
             generation: &generation,
             miss: &miss,
-            closest_hit: &closest_hit,
+            closest_hit: Some(&closest_hit),
+            any_hit: None,
             intersection: intersection.as_deref(),
         };
         let pipeline = Arc::new(RayPipeline::new(layout, &shaders, &key.1)?);

@@ -12,11 +12,14 @@ use super::pipelines::Shader;
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
 use crate::shared::Push;
-use crate::vulkan::{ComputePipeline, Recorder, Timings};
+use crate::vulkan::{ComputePipeline, RayPipeline, Recorder, Timings};
 
 /// What makes the pixels.
-enum Marcher {
+pub(super) enum Marcher {
     Voxels(Arc<ComputePipeline>),
+    /// In squares of eight pixels a side.
+    Squares(Arc<ComputePipeline>),
+    Rays(Arc<RayPipeline>),
     Mesh(Arc<ComputePipeline>, Subgroups),
 }
 
@@ -24,6 +27,11 @@ impl Marcher {
     fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
         match self {
             Self::Voxels(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
+            Self::Squares(pipeline) => {
+                let groups = [size[0].div_ceil(8), size[1].div_ceil(8), 1];
+                recorder.dispatch(pipeline, push, groups);
+            }
+            Self::Rays(pipeline) => recorder.trace(pipeline, push, size),
             Self::Mesh(pipeline, subgroups) => {
                 recorder.dispatch(pipeline, push, subgroups.tiles(size[0], size[1]));
             }
@@ -54,8 +62,7 @@ impl GpuRenderer {
         let steps = self.steps(&job, plan)?;
         let finder = self.finder(&mut job, plan, tracer)?;
         let marcher = if self.mesh.is_some() {
-            let (pipeline, subgroups) = self.mesh_marcher(job.special)?;
-            Marcher::Mesh(pipeline, subgroups)
+            self.mesh_marcher(job.special)?
         } else {
             let shader = match &finder {
                 Some(_) => Shader::MarchRuns,

@@ -7,7 +7,7 @@ use rspirv::dr::{Instruction, Loader, Module, Operand};
 use rspirv::spirv::{Decoration, Op};
 
 use super::*;
-use crate::mesh::{DeviceSubmesh, MeshHeader, ValueType, mesh_constant};
+use crate::mesh::{DeviceSubmesh, GROUP_PARTS, MeshHeader, ValueType, kinds, mesh_constant};
 use crate::shaders::ALL;
 
 /// Offset and size of every member of a struct.
@@ -185,8 +185,8 @@ fn submesh() -> Members {
         num_nodes,
         num_vertices,
         num_indices,
-        has_marker,
-        has_others,
+        kinds,
+        first_node,
     })
 }
 
@@ -196,6 +196,7 @@ fn mesh_header() -> Members {
         slack,
         submeshes,
         minima,
+        groups,
         num_submeshes,
         minima_x,
         minima_y,
@@ -215,7 +216,7 @@ fn both_sides_agree_on_meshes() {
         assert_eq!(reflect(&module, "Mesh"), Some(mesh_header()), "{name}");
         seen += 1;
     }
-    assert_eq!(seen, 3, "shaders over meshes");
+    assert_eq!(seen, 7, "shaders over meshes");
     assert_eq!(size_of::<DeviceSubmesh>(), 128, "as an array has them");
     let text = include_str!("../mesh.glsl");
     let number = |name: &str| {
@@ -230,6 +231,9 @@ fn both_sides_agree_on_meshes() {
         ),
         ("NODE_WORDS", size_of::<vacua_pack::layout::MultiNode>() / 4),
         ("LEAF_WORDS", size_of::<vacua_pack::layout::MultiLeaf>() / 4),
+        ("GROUP_PARTS", GROUP_PARTS),
+        ("HAS_MARKER", kinds::MARKER as usize),
+        ("HOLDS_OTHERS", kinds::OTHERS as usize),
         ("VALUE_F32", ValueType::F32 as usize),
         ("VALUE_U8", ValueType::U8 as usize),
         ("VALUE_I8", ValueType::I8 as usize),
@@ -273,7 +277,7 @@ fn both_sides_agree_on_meshes() {
 fn both_sides_agree_on_every_member() {
     let mut seen = [0, 0];
     // Shaders that only say what a ray met share nothing but that.
-    let without = ["trace.rmiss", "trace.rchit"];
+    let without = ["trace.rmiss", "trace.rchit", "lowest.rmiss", "lowest.rahit"];
     for (name, spirv) in ALL {
         let module = load(spirv);
         let structs = [("Parameters", parameters()), ("Push", push())];

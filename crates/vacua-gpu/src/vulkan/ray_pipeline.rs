@@ -13,7 +13,8 @@ use crate::error::GpuError;
 pub(crate) struct RayShaders<'a> {
     pub generation: &'a [u32],
     pub miss: &'a [u32],
-    pub closest_hit: &'a [u32],
+    pub closest_hit: Option<&'a [u32]>,
+    pub any_hit: Option<&'a [u32]>,
     /// For boxes; triangles need none.
     pub intersection: Option<&'a [u32]>,
 }
@@ -52,10 +53,8 @@ impl RayPipeline {
         let given = [
             (Some(shaders.generation), vk::ShaderStageFlags::RAYGEN_KHR),
             (Some(shaders.miss), vk::ShaderStageFlags::MISS_KHR),
-            (
-                Some(shaders.closest_hit),
-                vk::ShaderStageFlags::CLOSEST_HIT_KHR,
-            ),
+            (shaders.closest_hit, vk::ShaderStageFlags::CLOSEST_HIT_KHR),
+            (shaders.any_hit, vk::ShaderStageFlags::ANY_HIT_KHR),
             (shaders.intersection, vk::ShaderStageFlags::INTERSECTION_KHR),
         ];
         for (spirv, kind) in given {
@@ -68,15 +67,11 @@ impl RayPipeline {
             .iter()
             .zip(&kinds)
             .map(|(module, &kind)| {
-                let stage = vk::PipelineShaderStageCreateInfo::default()
+                vk::PipelineShaderStageCreateInfo::default()
                     .stage(kind)
                     .module(module.raw())
-                    .name(c"main");
-                if kind == vk::ShaderStageFlags::RAYGEN_KHR {
-                    stage.specialization_info(&info)
-                } else {
-                    stage
-                }
+                    .name(c"main")
+                    .specialization_info(&info)
             })
             .collect();
         let group = |ty| {
@@ -87,17 +82,22 @@ impl RayPipeline {
                 .any_hit_shader(vk::SHADER_UNUSED_KHR)
                 .intersection_shader(vk::SHADER_UNUSED_KHR)
         };
+        let number_of = |wanted| {
+            let place = kinds.iter().position(|&kind| kind == wanted);
+            place.map_or(vk::SHADER_UNUSED_KHR, |n| n as u32)
+        };
         let hit = match shaders.intersection {
-            None => group(vk::RayTracingShaderGroupTypeKHR::TRIANGLES_HIT_GROUP),
-            Some(_) => {
-                group(vk::RayTracingShaderGroupTypeKHR::PROCEDURAL_HIT_GROUP).intersection_shader(3)
-            }
+            None => vk::RayTracingShaderGroupTypeKHR::TRIANGLES_HIT_GROUP,
+            Some(_) => vk::RayTracingShaderGroupTypeKHR::PROCEDURAL_HIT_GROUP,
         };
         let general = vk::RayTracingShaderGroupTypeKHR::GENERAL;
         let groups = [
             group(general).general_shader(0),
             group(general).general_shader(1),
-            hit.closest_hit_shader(2),
+            group(hit)
+                .closest_hit_shader(number_of(vk::ShaderStageFlags::CLOSEST_HIT_KHR))
+                .any_hit_shader(number_of(vk::ShaderStageFlags::ANY_HIT_KHR))
+                .intersection_shader(number_of(vk::ShaderStageFlags::INTERSECTION_KHR)),
         ];
         let create = [vk::RayTracingPipelineCreateInfoKHR::default()
             .stages(&stages)
