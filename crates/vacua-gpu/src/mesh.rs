@@ -393,8 +393,7 @@ impl DeviceMesh {
                     num_nodes: h.num_nodes,
                     num_vertices: h.num_vertices,
                     num_indices: h.num_indices as u32,
-                    kinds: u32::from(h.has_marker()) * kinds::MARKER
-                        | u32::from(h.num_cells[1..].iter().any(|&n| n > 0)) * kinds::OTHERS,
+                    kinds: kinds_of(h),
                     first_node: h.first_node as u32,
                 }
             })
@@ -499,6 +498,18 @@ impl DeviceMesh {
         self.ranges = Some(base);
         ranges
     }
+}
+
+/// What a sub-mesh holds.
+fn kinds_of(header: &SubmeshHeader) -> u32 {
+    let has_others = header.num_cells[1..].iter().any(|&n| n > 0);
+    let marker = if header.has_marker() {
+        kinds::MARKER
+    } else {
+        0
+    };
+    let others = if has_others { kinds::OTHERS } else { 0 };
+    marker | others
 }
 
 /// The box around some sub-meshes.
