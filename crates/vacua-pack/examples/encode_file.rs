@@ -7,7 +7,7 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use vacua_pack::file::{FieldInput, FileOptions, PackedFile, encode_file};
+use vacua_pack::file::{FieldInput, FieldLabel, FileOptions, PackedFile, encode_file};
 use vacua_pack::{EncodeOptions, PackedField, Variant};
 use vacua_volume::{ComponentChoice, FieldChoice};
 
@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             name: field.name().to_owned(),
             association: volume.association(),
             values: volume.scalars().clone(),
-            step: None,
+            label: FieldLabel::default(),
         });
     }
     let options = FileOptions {

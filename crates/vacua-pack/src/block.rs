@@ -32,6 +32,7 @@ use crate::field::PackedField;
 use crate::grid::exp2;
 use crate::packed::PackedMesh;
 
+pub(crate) use descend::{child_boxes, nonzero_bytes, ordered_nibbles};
 use packets::Packets;
 use walk::Scratch;
 

@@ -96,6 +96,7 @@ struct Block<'a> {
     has_differences: bool,
     width: u32,
     base: u64,
+    /// Its bits, and those of the blocks after it.
     bits: &'a [u8],
 }
 
@@ -109,13 +110,14 @@ fn block(bytes: &[u8], left: usize) -> Option<(Block<'_>, &[u8])> {
     }
     let num_values = left.min(BLOCK) - usize::from(has_differences);
     let end = HEAD_BYTES + (num_values * width as usize).div_ceil(8);
+    let rest = bytes.get(end..)?;
     let block = Block {
         has_differences,
         width,
         base: bytemuck::pod_read_unaligned(&head[1..]),
-        bits: bytes.get(HEAD_BYTES..end)?,
+        bits: &bytes[HEAD_BYTES..],
     };
-    Some((block, &bytes[end..]))
+    Some((block, rest))
 }
 
 impl Block<'_> {
@@ -134,6 +136,7 @@ impl Block<'_> {
         eight >> (bit % 8) & ((1u64 << self.width) - 1)
     }
 
+    #[inline(always)]
     fn decode(&self, ids: &mut [u64]) {
         if !self.has_differences {
             for (place, id) in ids.iter_mut().enumerate() {
@@ -142,74 +145,154 @@ impl Block<'_> {
             return;
         }
         let mut last = self.base;
-        for (place, id) in ids.iter_mut().enumerate() {
-            if place > 0 {
-                let z = self.value(place - 1);
-                last = last.wrapping_add((z >> 1) ^ (z & 1).wrapping_neg());
-            }
+        let Some((first, rest)) = ids.split_first_mut() else {
+            return;
+        };
+        *first = last;
+        for (place, id) in rest.iter_mut().enumerate() {
+            let z = self.value(place);
+            last = last.wrapping_add((z >> 1) ^ (z & 1).wrapping_neg());
             *id = last;
         }
     }
 }
 
-/// Decodes a list of so many numbers.
-///
-/// # Errors
-/// [`Problem`] if the bytes are no such list.
-pub fn decode(what: &str, bytes: &[u8], len: usize) -> Result<Ids, Problem> {
-    let num_blocks = len.div_ceil(BLOCK);
-    let too_short = |found: usize| {
-        Problem::malformed(
-            format!("block {found} of the {what}"),
-            format!("{num_blocks} blocks of at most {MAX_WIDTH} bits a number"),
-            format!("{} bytes", bytes.len()),
-        )
-    };
-    // Each block has a head: no more are looked for than there can be.
-    if num_blocks > bytes.len() / HEAD_BYTES {
-        return Err(too_short(bytes.len() / HEAD_BYTES));
-    }
-    let mut blocks = Vec::with_capacity(num_blocks);
-    let mut rest = bytes;
-    for number in 0..num_blocks {
-        let (block, after) = block(rest, len - number * BLOCK).ok_or_else(|| too_short(number))?;
-        blocks.push(block);
-        rest = after;
-    }
-    if !rest.is_empty() {
-        let expected = format!("{num_blocks} blocks");
-        let found = format!("{} bytes more", rest.len());
-        return Err(Problem::malformed(
-            format!("end of the {what}"),
-            expected,
-            found,
-        ));
-    }
-    let mut ids = vec![0u32; len];
-    let pieces = ids.par_chunks_mut(BLOCK).zip(&blocks);
-    let largest = pieces.map(|(piece, block)| {
-        let mut wide = [0; BLOCK];
-        block.decode(&mut wide[..piece.len()]);
-        let mut largest = 0;
-        for (id, &wide) in piece.iter_mut().zip(&wide) {
-            *id = wide as u32;
-            largest = largest.max(wide);
+/// A list where it lies, decoded as it is read.
+pub struct Blocks<'a> {
+    blocks: Vec<Block<'a>>,
+    len: usize,
+}
+
+impl<'a> Blocks<'a> {
+    /// Finds the blocks of a list of so many numbers.
+    ///
+    /// # Errors
+    /// [`Problem`] if the bytes are no such list.
+    pub fn new(what: &str, bytes: &'a [u8], len: usize) -> Result<Self, Problem> {
+        let num_blocks = len.div_ceil(BLOCK);
+        let too_short = |found: usize| {
+            Problem::malformed(
+                format!("block {found} of the {what}"),
+                format!("{num_blocks} blocks of at most {MAX_WIDTH} bits a number"),
+                format!("{} bytes", bytes.len()),
+            )
+        };
+        // Each block has a head: no more are looked for than there can be.
+        if num_blocks > bytes.len() / HEAD_BYTES {
+            return Err(too_short(bytes.len() / HEAD_BYTES));
         }
-        largest
-    });
-    if largest.max().is_none_or(|largest| largest < 1 << 32) {
-        return Ok(Ids::Narrow(ids));
+        let mut blocks = Vec::with_capacity(num_blocks);
+        let mut rest = bytes;
+        for number in 0..num_blocks {
+            let (block, after) =
+                block(rest, len - number * BLOCK).ok_or_else(|| too_short(number))?;
+            blocks.push(block);
+            rest = after;
+        }
+        if !rest.is_empty() {
+            let expected = format!("{num_blocks} blocks");
+            let found = format!("{} bytes more", rest.len());
+            return Err(Problem::malformed(
+                format!("end of the {what}"),
+                expected,
+                found,
+            ));
+        }
+        Ok(Self { blocks, len })
     }
-    let mut ids = vec![0u64; len];
-    let pieces = ids.par_chunks_mut(BLOCK).zip(&blocks);
-    pieces.for_each(|(piece, block)| block.decode(piece));
-    Ok(Ids::Wide(ids))
+
+    /// How many numbers there are.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Decodes the block of a place; gives how many numbers it has.
+    #[inline(always)]
+    fn decode_block(&self, number: usize, ids: &mut [u64; BLOCK]) -> usize {
+        let len = (self.len - number * BLOCK).min(BLOCK);
+        self.blocks[number].decode(&mut ids[..len]);
+        len
+    }
+
+    /// The largest number; 0 without any.
+    pub fn largest(&self) -> u64 {
+        let mut ids = [0; BLOCK];
+        let blocks = 0..self.blocks.len();
+        let largest = blocks.map(|number| {
+            let len = self.decode_block(number, &mut ids);
+            ids[..len].iter().copied().max().unwrap_or(0)
+        });
+        largest.max().unwrap_or(0)
+    }
+
+    /// The values at the numbers from a place on, as many as `picked` has room for.
+    ///
+    /// # Errors
+    /// A number that no value has.
+    pub fn pick<T: Copy>(&self, first: usize, all: &[T], picked: &mut [T]) -> Result<(), u64> {
+        let end = (first + picked.len()).min(self.len);
+        if first >= end {
+            return Ok(());
+        }
+        let mut left = picked;
+        let mut from = first % BLOCK;
+        // The values of the next block are asked for while those of one are fetched.
+        let mut both = [[0; BLOCK]; 2];
+        let last = (end - 1) / BLOCK;
+        let mut len = self.decode_block(first / BLOCK, &mut both[0]);
+        for number in first / BLOCK..=last {
+            let [here, next] = &mut both;
+            let mut next_len = 0;
+            if number < last {
+                next_len = self.decode_block(number + 1, next);
+                for &id in &next[..next_len] {
+                    vacua_simd::prefetch(all, id as usize);
+                }
+            }
+            let ids = &here[from..len];
+            let (now, rest) = left.split_at_mut(ids.len().min(left.len()));
+            for (picked, &id) in now.iter_mut().zip(ids) {
+                *picked = *all.get(id as usize).ok_or(id)?;
+            }
+            left = rest;
+            (from, len) = (0, next_len);
+            both.swap(0, 1);
+        }
+        Ok(())
+    }
+
+    /// All numbers.
+    pub fn decode(&self) -> Ids {
+        let mut ids = vec![0u32; self.len];
+        let pieces = ids.par_chunks_mut(BLOCK).zip(&self.blocks);
+        let largest = pieces.map(|(piece, block)| {
+            let mut wide = [0; BLOCK];
+            block.decode(&mut wide[..piece.len()]);
+            let mut largest = 0;
+            for (id, &wide) in piece.iter_mut().zip(&wide) {
+                *id = wide as u32;
+                largest = largest.max(wide);
+            }
+            largest
+        });
+        if largest.max().is_none_or(|largest| largest < 1 << 32) {
+            return Ids::Narrow(ids);
+        }
+        let mut ids = vec![0u64; self.len];
+        let pieces = ids.par_chunks_mut(BLOCK).zip(&self.blocks);
+        pieces.for_each(|(piece, block)| block.decode(piece));
+        Ids::Wide(ids)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    fn decode(what: &str, bytes: &[u8], len: usize) -> Result<Ids, Problem> {
+        Blocks::new(what, bytes, len).map(|blocks| blocks.decode())
+    }
 
     fn encode(ids: &[u64], pieces: usize) -> Vec<u8> {
         let (mut writer, mut out) = (DeltaWriter::default(), Vec::new());
@@ -238,6 +321,22 @@ mod tests {
             let bytes = encode(&ids, pieces);
             let back = decode("map", &bytes, ids.len()).expect("a list");
             prop_assert!((0..back.len()).map(|i| back.get(i)).eq(ids.iter().copied()));
+            let blocks = Blocks::new("map", &bytes, ids.len()).expect("a list");
+            prop_assert_eq!(blocks.largest(), ids.iter().copied().max().unwrap_or(0));
+            // Values that are their numbers, from any place on.
+            let few: Vec<u64> = ids.iter().map(|id| id % 251).collect();
+            let bytes_of_few = encode(&few, pieces);
+            let blocks = Blocks::new("map", &bytes_of_few, few.len()).expect("a list");
+            let all: Vec<u16> = (0..251).collect();
+            for first in [0, 1, BLOCK - 1, BLOCK, few.len() / 2] {
+                let mut picked = vec![0; few.len().saturating_sub(first) / 2];
+                prop_assert_eq!(blocks.pick(first, &all, &mut picked), Ok(()));
+                prop_assert!(picked.iter().map(|&v| u64::from(v)).eq(few[first.min(few.len())..].iter().copied().take(picked.len())));
+            }
+            if few.contains(&250) {
+                let mut picked = vec![0; few.len()];
+                prop_assert_eq!(blocks.pick(0, &all[..250], &mut picked), Err(250));
+            }
             if !ids.is_empty() {
                 prop_assert!(decode("map", &bytes[..bytes.len() - 1], ids.len()).is_err());
             }

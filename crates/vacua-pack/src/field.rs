@@ -12,14 +12,14 @@
 
 mod part;
 
-pub(crate) use part::{FieldPart, cells_before};
+pub(crate) use part::{FieldPart, FieldRanges, cells_before};
 
 use rayon::prelude::*;
 use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
 
 use crate::element::interpolate;
 use crate::encode::PackMap;
-use crate::ids::Ids;
+use crate::ids::Order;
 use crate::layout::{Child, SubmeshHeader, WIDTH};
 use crate::locate::Location;
 use crate::packed::{PackedMesh, Submesh};
@@ -104,37 +104,50 @@ impl PackedField {
         association: Association,
         values: &DataArray,
     ) -> Result<Self, PackFieldError> {
+        let ids = match association {
+            Association::Point => &map.points,
+            Association::Cell => &map.cells,
+        };
+        Self::pack_in_order(mesh, &Order::List(ids), name, association, values)
+    }
+
+    /// As [`Self::pack`], with the numbers of points or cells alone.
+    pub(crate) fn pack_in_order(
+        mesh: &PackedMesh,
+        order: &Order,
+        name: &str,
+        association: Association,
+        values: &DataArray,
+    ) -> Result<Self, PackFieldError> {
         if values.components() != 1 {
             return Err(PackFieldError::Components {
                 name: name.to_owned(),
                 components: values.components(),
             });
         }
-        let (ids, expected) = match association {
-            Association::Point => (&map.points, mesh.num_vertices() as u64),
-            Association::Cell => (&map.cells, mesh.num_cells()),
+        let expected = match association {
+            Association::Point => mesh.num_vertices() as u64,
+            Association::Cell => mesh.num_cells(),
         };
-        if ids.len() as u64 != expected {
+        if order.len() as u64 != expected {
             return Err(PackFieldError::MapLength {
                 association,
-                actual: ids.len(),
+                actual: order.len(),
                 expected,
             });
         }
-        let needed = (0..ids.len()).into_par_iter().map(|i| ids.get(i)).max();
-        if let Some(needed) = needed.filter(|&n| n >= values.tuples() as u64) {
-            return Err(PackFieldError::TooShort {
+        let packed = dispatch_scalar!(values.scalar_type(), T => {
+            pack_parts::<T>(mesh, order, association, bytemuck::cast_slice(values.bytes()))
+        });
+        let (packed, submesh_ranges, node_ranges) =
+            packed.map_err(|_| PackFieldError::TooShort {
                 name: name.to_owned(),
                 association,
                 actual: values.tuples(),
-                needed,
-            });
-        }
+                needed: order.largest(),
+            })?;
         let needs_places = association == Association::Cell && mesh.clusters().is_none();
         let cells_before = needs_places.then(|| Flat::from_vec(count_cells_before(mesh)));
-        let (packed, submesh_ranges, node_ranges) = dispatch_scalar!(values.scalar_type(), T => {
-            pack_parts::<T>(mesh, ids, association, bytemuck::cast_slice(values.bytes()))
-        });
         let framed = mesh.clusters().map(|_| {
             let runs = mesh.submeshes().iter().map(|header| match association {
                 Association::Point => header.num_vertices as usize,
@@ -317,7 +330,13 @@ impl PackedField {
         }
     }
 
-    fn slots(&self, mesh: &PackedMesh, submesh: usize, node: u32) -> Option<&[[u8; 2]; WIDTH]> {
+    /// The ranges of a node's children in steps of the sub-mesh's.
+    pub(crate) fn slots(
+        &self,
+        mesh: &PackedMesh,
+        submesh: usize,
+        node: u32,
+    ) -> Option<&[[u8; 2]; WIDTH]> {
         let header = mesh.submeshes().get(submesh)?;
         let place = header.first_node.checked_add(u64::from(node))?;
         self.node_ranges
@@ -381,7 +400,8 @@ fn union(slots: &[[u8; 2]; WIDTH]) -> [u8; 2] {
     all.fold(NO_RANGE, |a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
-fn decode_step(whole: ValueRange, step: u8) -> f64 {
+/// The value of a step of a sub-mesh's range.
+pub(crate) fn decode_step(whole: ValueRange, step: u8) -> f64 {
     match step {
         0 => whole.lo,
         u8::MAX => whole.hi,
@@ -392,29 +412,12 @@ fn decode_step(whole: ValueRange, step: u8) -> f64 {
     }
 }
 
-fn decode_range(whole: ValueRange, [lo, hi]: [u8; 2]) -> Option<ValueRange> {
+/// The range of a slot; `None` if it contains nothing.
+pub(crate) fn decode_range(whole: ValueRange, [lo, hi]: [u8; 2]) -> Option<ValueRange> {
     (lo <= hi).then(|| ValueRange {
         lo: decode_step(whole, lo),
         hi: decode_step(whole, hi),
     })
-}
-
-/// The smallest slot whose decoded range contains a range within the whole.
-fn encode_range(whole: ValueRange, range: Option<ValueRange>) -> [u8; 2] {
-    let Some(range) = range else {
-        return NO_RANGE;
-    };
-    // A guess; what is decoded decides.
-    let steps = STEPS / (0.5 * whole.hi - 0.5 * whole.lo);
-    let guess = |v: f64| ((0.5 * v - 0.5 * whole.lo) * steps) as u8;
-    let (mut lo, mut hi) = (guess(range.lo), guess(range.hi));
-    while lo > 0 && decode_step(whole, lo) > range.lo {
-        lo -= 1;
-    }
-    while hi < u8::MAX && decode_step(whole, hi) < range.hi {
-        hi += 1;
-    }
-    [lo, hi]
 }
 
 /// For every node the number of cells of its sub-mesh in nodes before it.
@@ -426,63 +429,67 @@ fn count_cells_before(mesh: &PackedMesh) -> Vec<u32> {
     parts.concat()
 }
 
+/// Values in packed order, and ranges of sub-meshes and nodes.
 type Packed = (DataArray, Vec<[f64; 2]>, Vec<[[u8; 2]; WIDTH]>);
 
-/// Values in packed order, and ranges of sub-meshes and nodes. Every number is in the list.
+/// Brings values into packed order, sub-mesh by sub-mesh in parallel, and finds their ranges.
+///
+/// # Errors
+/// A number in the list that no value has.
 fn pack_parts<T: Scalar>(
     mesh: &PackedMesh,
-    ids: &Ids,
+    order: &Order,
     association: Association,
     all: &[T],
-) -> Packed {
-    let submeshes = (0..mesh.submeshes().len()).into_par_iter();
-    let parts: Vec<FieldPart<T>> = submeshes
-        .filter_map(|s| {
-            let submesh = mesh.submesh(s)?;
-            let header = submesh.header;
-            let (first, len) = match association {
-                Association::Point => (header.first_vertex, u64::from(header.num_vertices)),
-                Association::Cell => (header.first_cell, header.total_cells()),
-            };
-            let first = usize::try_from(first).ok()?;
-            let end = first.checked_add(usize::try_from(len).ok()?)?;
-            let values = ids.pick(first..end.min(ids.len()), all);
-            Some(FieldPart::of(&submesh, association, values))
+) -> Result<Packed, u64> {
+    struct Part<'a, T> {
+        submesh: Submesh<'a>,
+        first: usize,
+        values: &'a mut [T],
+        slots: &'a mut [[[u8; 2]; WIDTH]],
+    }
+    let mut values = vec![T::zeroed(); order.len()];
+    let mut slots = vec![[NO_RANGE; WIDTH]; mesh.nodes().len()];
+    let mut parts = Vec::with_capacity(mesh.submeshes().len());
+    let (mut first, mut values_left, mut slots_left) = (0, &mut values[..], &mut slots[..]);
+    for number in 0..mesh.submeshes().len() {
+        let Some(submesh) = mesh.submesh(number) else {
+            continue;
+        };
+        let header = submesh.header;
+        let len = match association {
+            Association::Point => u64::from(header.num_vertices),
+            Association::Cell => header.total_cells(),
+        };
+        // Sub-meshes follow each other; no more than there is.
+        let len = usize::try_from(len)
+            .unwrap_or(usize::MAX)
+            .min(values_left.len());
+        let num_nodes = (header.num_nodes as usize).min(slots_left.len());
+        let (own, rest) = std::mem::take(&mut values_left).split_at_mut(len);
+        values_left = rest;
+        let (own_slots, rest) = std::mem::take(&mut slots_left).split_at_mut(num_nodes);
+        slots_left = rest;
+        parts.push(Part {
+            submesh,
+            first,
+            values: own,
+            slots: own_slots,
+        });
+        first += len;
+    }
+    let ends: Result<Vec<[f64; 2]>, u64> = parts
+        .into_par_iter()
+        .map(|part| {
+            order.pick(part.first, all, part.values)?;
+            let ranges = FieldRanges::of(&part.submesh, association, part.values);
+            for (slot, found) in part.slots.iter_mut().zip(&ranges.slots) {
+                *slot = *found;
+            }
+            Ok(ranges.ends())
         })
         .collect();
-    let mut values = Vec::with_capacity(ids.len());
-    let mut submeshes = Vec::with_capacity(parts.len());
-    let mut nodes = Vec::with_capacity(mesh.nodes().len());
-    for part in parts {
-        submeshes.push(part.ends());
-        nodes.extend_from_slice(&part.slots);
-        values.extend_from_slice(&part.values);
-    }
+    let ends = ends?;
     let values = DataArray::from_vec(values, 1).expect("one column divides any length");
-    (values, submeshes, nodes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn slots_contain_their_ranges(
-            ends in prop::array::uniform4(prop_oneof![-1.0f64..1.0, -1e-30f64..1e-30, -1e308f64..1e308]),
-        ) {
-            let mut e = ends;
-            e.sort_by(f64::total_cmp);
-            let whole = ValueRange { lo: e[0], hi: e[3] };
-            let range = ValueRange { lo: e[1], hi: e[2] };
-            let slot = encode_range(whole, Some(range));
-            let back = decode_range(whole, slot).expect("a range");
-            prop_assert!(back.lo <= range.lo && range.hi <= back.hi);
-            prop_assert!(whole.lo <= back.lo && back.hi <= whole.hi);
-            prop_assert_eq!(decode_range(whole, encode_range(whole, None)), None);
-            let exact = ValueRange { lo: e[0], hi: e[0] };
-            prop_assert_eq!(decode_range(exact, encode_range(exact, Some(exact))), Some(exact));
-        }
-    }
+    Ok((values, ends, slots))
 }

@@ -33,8 +33,13 @@
 //!        5  positions             12                  20  cells before a node, u32 each
 //!        6  indices, 8 zero bytes at the end          21  time of the field's step, f64;
 //!        7  original number of each vertex                detail: number of the step
-//!        8  original number of each cell
+//!        8  original number of each cell              22  name of the vector field that the
+//!                                                         field is a part of, UTF-8; detail:
+//!                                                         number of the component, from 0, or
+//!                                                         0xFFFFFFFF for the magnitude
 //! ```
+//!
+//! A field with several components is a field for each, and one for the magnitude, whose kinds 22 name it.
 //!
 //! Kinds 7 and 8, the map with which fields are added later, are optional: lists of numbers in blocks
 //! of 128, each with the bits it needs, differences where those are smaller:
@@ -59,19 +64,24 @@
 //! Sections of kinds that a reader does not know it leaves alone. Opening checks the header and the
 //! table, reading the mesh or a field checks its sections.
 
+mod check;
+mod fields;
 mod read;
 mod spool;
 mod stream;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod update;
 mod write;
 
 use bytemuck::{Pod, Zeroable};
 
-pub use read::{FieldEntry, PackedFile};
+pub use fields::{FieldEntry, FieldGroup};
+pub use read::PackedFile;
 pub use stream::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
 pub use summary::{FieldSummary, FileSummary};
+pub use update::{UpdateError, UpdateReport};
 pub use write::{write_file, write_file_with};
 
 use crate::Variant;
@@ -99,6 +109,7 @@ const SUBMESH_RANGES: u32 = 18;
 const NODE_RANGES: u32 = 19;
 const CELLS_BEFORE: u32 = 20;
 const STEP: u32 = 21;
+const VECTOR: u32 = 22;
 const CLUSTERS: u32 = 32;
 const CLUSTER_BITS: u32 = 33;
 const POSITION_FRAMES: u32 = 34;
@@ -113,6 +124,50 @@ pub struct FieldStep {
     pub number: u32,
     /// Its time; the number where the input has no times.
     pub time: f64,
+}
+
+/// Which part of a field with several components a packed field is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum VectorComponent {
+    /// One component, from 0.
+    Index(u32),
+    /// The Euclidean length.
+    Magnitude,
+}
+
+impl VectorComponent {
+    /// The number in the file.
+    fn detail(self) -> u32 {
+        match self {
+            Self::Index(index) => index,
+            Self::Magnitude => u32::MAX,
+        }
+    }
+
+    fn of_detail(detail: u32) -> Self {
+        match detail {
+            u32::MAX => Self::Magnitude,
+            index => Self::Index(index),
+        }
+    }
+}
+
+/// The field with several components that a packed field is a part of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VectorPart {
+    /// Name of the whole.
+    pub name: String,
+    /// Which part.
+    pub component: VectorComponent,
+}
+
+/// What is said of a field beside its name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FieldLabel {
+    /// Its time step, if there are several.
+    pub step: Option<FieldStep>,
+    /// What it is a part of, if it is.
+    pub vector: Option<VectorPart>,
 }
 
 /// The kind of a variant's nodes.
@@ -139,6 +194,7 @@ fn kind_name(kind: u32) -> &'static str {
         MAP_POINTS => "map of vertices",
         MAP_CELLS => "map of cells",
         STEP => "time step",
+        VECTOR => "name of a vector",
         NAME => "field name",
         VALUES => "values",
         SUBMESH_RANGES => "ranges of sub-meshes",

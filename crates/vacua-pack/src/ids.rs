@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use crate::delta;
+
 /// A number of a cell or point.
 pub trait Id: Copy + Ord + Send + Sync + Debug {
     /// The number that fits by the caller's check.
@@ -118,8 +120,6 @@ impl Ids {
 }
 
 fn pick<I: Id, T: Copy>(ids: &[I], all: &[T]) -> Vec<T> {
-    /// So many values ahead memory is asked for.
-    const AHEAD: usize = 32;
     let one = |(i, id): (usize, &I)| {
         if let Some(soon) = ids.get(i + AHEAD) {
             vacua_simd::prefetch(all, soon.to_u64() as usize);
@@ -127,6 +127,58 @@ fn pick<I: Id, T: Copy>(ids: &[I], all: &[T]) -> Vec<T> {
         all[id.to_u64() as usize]
     };
     ids.iter().enumerate().map(one).collect()
+}
+
+/// So many values ahead memory is asked for.
+const AHEAD: usize = 32;
+
+/// The original numbers of vertices or cells in packed order.
+pub(crate) enum Order<'a> {
+    /// As they are.
+    List(&'a Ids),
+    /// As they are in a file.
+    Blocks(delta::Blocks<'a>),
+}
+
+impl Order<'_> {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::List(ids) => ids.len(),
+            Self::Blocks(blocks) => blocks.len(),
+        }
+    }
+
+    /// The largest of them; 0 without any.
+    pub fn largest(&self) -> u64 {
+        match self {
+            Self::List(ids) => (0..ids.len()).map(|i| ids.get(i)).max().unwrap_or(0),
+            Self::Blocks(blocks) => blocks.largest(),
+        }
+    }
+
+    /// The values at the numbers from a place on, as many as `picked` has room for.
+    ///
+    /// # Errors
+    /// A number that no value has.
+    pub fn pick<T: Copy>(&self, first: usize, all: &[T], picked: &mut [T]) -> Result<(), u64> {
+        match self {
+            Self::List(Ids::Narrow(ids)) => pick_some(&ids[first..], all, picked),
+            Self::List(Ids::Wide(ids)) => pick_some(&ids[first..], all, picked),
+            Self::Blocks(blocks) => blocks.pick(first, all, picked),
+        }
+    }
+}
+
+fn pick_some<I: Id, T: Copy>(ids: &[I], all: &[T], picked: &mut [T]) -> Result<(), u64> {
+    for (i, (picked, id)) in picked.iter_mut().zip(ids).enumerate() {
+        if let Some(soon) = ids.get(i + AHEAD) {
+            vacua_simd::prefetch(all, soon.to_u64() as usize);
+        }
+        let id = id.to_u64();
+        *picked = *all.get(id as usize).ok_or(id)?;
+    }
+    Ok(())
 }
 
 /// Numbers points in the order in which they are first seen: an open hash table whose slots hold the

@@ -84,6 +84,15 @@ impl<'a> IndexList<'a> {
         u32::MAX >> (32 - self.bits)
     }
 
+    /// The bytes of so many indices from a place on, if they have 16 bits and the list does not end
+    /// before.
+    #[inline(always)]
+    pub(crate) fn shorts(self, place: u64, len: usize) -> Option<&'a [u8]> {
+        let end = place.saturating_add(len as u64);
+        (self.bits == 16 && end <= self.len())
+            .then(|| &self.bytes[2 * place as usize..2 * end as usize])
+    }
+
     /// Visits so many indices from a place on; none if the list ends before.
     #[inline(always)]
     pub(crate) fn visit(self, place: u64, len: usize, mut visit: impl FnMut(u32)) {

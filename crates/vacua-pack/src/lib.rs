@@ -21,7 +21,7 @@
 //! | §5.3 to §5.6 nodes, Figure 3 | [`layout`], [`Grid`] |
 //! | §5.5 the tree over multi-leaves (OptiX there) | `outer` |
 //! | §5.7 surface area heuristic, 2 : 1 | `bvh` |
-//! | §5.8 value ranges | `field` |
+//! | §5.8 value ranges; level of detail | `field`, [`detail`] |
 //! | §6.2 encoding, out of core | `encode`, `spill`, [`file::encode_file`] |
 //! | §3, §6.1, §6.3 what it is compared with | [`reference`](mod@reference) |
 //!
@@ -48,6 +48,7 @@ pub mod block;
 mod bvh;
 mod collapse;
 mod delta;
+pub mod detail;
 mod element;
 mod encode;
 mod exact;
@@ -72,6 +73,7 @@ mod submesh;
 mod volume;
 
 pub use block::{BlockSampler, Located, Order, Places, Sampled};
+pub use detail::{DetailLevel, DetailSampler, Estimate, Estimates};
 pub use element::{Weights, gradient_at, interpolate, weights_at, weights_at_f64};
 pub use encode::{
     EncodeError, EncodeObserver, EncodeOptions, EncodeProgress, EncodeReport, EncodeStage, Encoded,

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use vacua_io::IoError;
-use vacua_volume::{Bounds, DatasetError, FieldChoice};
+use vacua_volume::{Bounds, ComponentChoice, DatasetError, FieldChoice, ValueMap};
 
+use crate::detail::{DetailLevel, DetailSampler, Estimate};
 use crate::field::PackedField;
 use crate::file::PackedFile;
 use crate::packed::PackedMesh;
@@ -22,6 +23,22 @@ pub enum PackedVolumeError {
     /// The file has no such field, or several and none was asked for.
     #[error(transparent)]
     Choice(#[from] DatasetError),
+    /// The file has no such time step.
+    #[error("there is no time step {asked}; there are {available:?}")]
+    Step {
+        /// The number that was asked for.
+        asked: u32,
+        /// The numbers that there are.
+        available: Vec<u32>,
+    },
+    /// The magnitude of one component with negative values.
+    #[error(
+        "the magnitude of field `{name}`, which has one component with negative values, is not in the file"
+    )]
+    Magnitude {
+        /// The field.
+        name: String,
+    },
     /// A part of the file is missing or damaged.
     #[error(transparent)]
     Io(#[from] IoError),
@@ -42,11 +59,52 @@ impl PackedVolume {
     /// # Cost
     /// As [`PackedFile::mesh`] and [`PackedFile::field`].
     pub fn open(file: &PackedFile, choice: &FieldChoice) -> Result<Self, PackedVolumeError> {
-        let names = file.fields()?.into_iter().map(|field| field.name);
-        let field = choice.among(&names.collect::<Vec<_>>())?;
+        Self::open_part(file, None, choice, ComponentChoice::Auto)
+    }
+
+    /// As [`Self::open`], of a time step by its number (the first if not given), and one component, or
+    /// the magnitude, of a field with several.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; [`PackedVolumeError::Step`] if there is no such step,
+    /// [`PackedVolumeError::Magnitude`] if a lone component has negative values, whose magnitude is not
+    /// in the file.
+    pub fn open_part(
+        file: &PackedFile,
+        step: Option<u32>,
+        field: &FieldChoice,
+        component: ComponentChoice,
+    ) -> Result<Self, PackedVolumeError> {
+        let steps = file.steps()?;
+        let step = match step {
+            None => steps.first().map(|s| s.number),
+            Some(asked) if steps.iter().any(|s| s.number == asked) => Some(asked),
+            Some(0) if steps.is_empty() => None,
+            Some(asked) => {
+                let available = steps.iter().map(|s| s.number).collect();
+                return Err(PackedVolumeError::Step { asked, available });
+            }
+        };
+        let groups = file.groups_of(step)?;
+        let names: Vec<&str> = groups.iter().map(|g| g.name.as_str()).collect();
+        let group = &groups[field.among(&names)?];
+        let place = group.part(component)?;
         let mesh = file.mesh()?;
-        let field = file.field(&mesh, field)?;
-        Ok(Self { mesh, field })
+        let mut field = file.field(&mesh, place)?;
+        field.name.clone_from(&group.name);
+        let volume = Self { mesh, field };
+        let is_lone = matches!(group.parts.as_slice(), [(None, _)]);
+        if is_lone && component == ComponentChoice::Magnitude && volume.has_negative() {
+            return Err(PackedVolumeError::Magnitude {
+                name: group.name.clone(),
+            });
+        }
+        Ok(volume)
+    }
+
+    fn has_negative(&self) -> bool {
+        let ranges = (0..self.mesh.submeshes().len()).filter_map(|s| self.field.submesh_range(s));
+        ranges.into_iter().any(|range| range.lo < 0.0)
     }
 
     /// The mesh.
@@ -79,6 +137,18 @@ impl PackedVolume {
                 },
             )
             .collect()
+    }
+
+    /// Estimates of the values at points of the world, in order, at a level of detail; `None` where no
+    /// box of the level is.
+    pub fn estimates_at(&self, level: DetailLevel, points: &[DVec3]) -> Vec<Option<Estimate>> {
+        let sampler = DetailSampler::new(&self.mesh, &self.field, level, ValueMap::IDENTITY);
+        let origin = DVec3::from(self.mesh.origin());
+        let estimate = |&point: &DVec3| {
+            let range = sampler.range_at((point - origin).to_array())?;
+            Some(Estimate::from(range))
+        };
+        points.par_iter().map(estimate).collect()
     }
 }
 

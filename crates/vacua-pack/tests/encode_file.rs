@@ -9,7 +9,8 @@ use std::sync::Mutex;
 
 use common::{CUTS, Cut, Random, lattice};
 use vacua_pack::file::{
-    FieldInput, FieldStep, FileOptions, PackedFile, encode_file, write_file, write_file_with,
+    FieldInput, FieldLabel, FieldStep, FileOptions, PackedFile, encode_file, write_file,
+    write_file_with,
 };
 use vacua_pack::{EncodeOptions, EncodeStage, PackedField, Variant, encode};
 use vacua_volume::{Association, CellMask, DataArray, UnstructuredMesh};
@@ -27,7 +28,7 @@ fn fields_of(mesh: &UnstructuredMesh, seed: u64) -> Vec<FieldInput> {
         name: name.to_owned(),
         association,
         values,
-        step: None,
+        label: FieldLabel::default(),
     };
     let column = "one column";
     vec![
@@ -82,7 +83,7 @@ fn written(mesh: &UnstructuredMesh, fields: &[FieldInput], options: FileOptions)
     let pack = |f: &FieldInput| {
         PackedField::pack(&whole.mesh, &whole.map, &f.name, f.association, &f.values).expect("fits")
     };
-    let packed: Vec<_> = fields.iter().map(|f| (pack(f), f.step)).collect();
+    let packed: Vec<_> = fields.iter().map(|f| (pack(f), f.label.clone())).collect();
     let map = options.keep_map.then_some(&whole.map);
     write_file_with(&path, &whole.mesh, map, &packed).expect("writable");
     std::fs::read(&path).expect("readable")
@@ -182,12 +183,12 @@ fn fields_added_later_are_those_of_a_fresh_encoding() {
     let mut new = fields_of(&mesh, 2);
     for (number, time) in [(0, 0.5), (1, 1.5)] {
         let mut series = fields_of(&mesh, 3 + u64::from(number)).remove(0);
-        series.step = Some(FieldStep { number, time });
+        series.label.step = Some(FieldStep { number, time });
         new.push(series);
     }
     let pack = |f: &FieldInput| {
         let field = PackedField::pack(&packed, &map, &f.name, f.association, &f.values);
-        (field.expect("fits"), f.step)
+        (field.expect("fits"), f.label.clone())
     };
     let fields: Vec<_> = new.iter().map(pack).collect();
     // In place, over the very file that is mapped.
@@ -198,7 +199,7 @@ fn fields_added_later_are_those_of_a_fresh_encoding() {
         .fields()
         .expect("named")
         .iter()
-        .map(|f| f.step)
+        .map(|f| f.label.step)
         .collect();
     assert_eq!(steps[..2], [None, None]);
     assert_eq!(steps[3].map(|s| (s.number, s.time)), Some((1, 1.5)));

@@ -11,8 +11,8 @@
 use std::time::Instant;
 
 use crate::error::RenderError;
-use crate::scene::{Integrator, SkipMethod};
-use crate::stage::{LookStage, SkipStage, VolumeStage};
+use crate::scene::SkipMethod;
+use crate::stage::{LookStage, Seen, SkipStage, VolumeStage};
 
 /// Tiles that each candidate renders, at most.
 const PILOT_TILES: usize = 24;
@@ -42,14 +42,13 @@ pub(crate) struct Choice {
 pub(crate) fn choose(
     volume: &mut VolumeStage,
     look: &LookStage,
-    integrator: Integrator,
+    seen: Seen,
     side: Option<usize>,
     num_tiles: usize,
     pilot: impl Fn(&VolumeStage, &SkipStage, usize),
 ) -> Result<Choice, RenderError> {
-    let build = |volume: &mut VolumeStage, method, side| {
-        SkipStage::new(volume, look, integrator, method, side)
-    };
+    let build =
+        |volume: &mut VolumeStage, method, side| SkipStage::new(volume, look, seen, method, side);
     let every = (num_tiles / PILOT_TILES).max(LEAST_SHARE);
     if num_tiles / every < LEAST_TILES {
         let side = side.unwrap_or(crate::cpu::DEFAULT_MACROCELL_SIDE);
@@ -70,7 +69,7 @@ pub(crate) fn choose(
     };
     if sides.contains(&4) {
         // Coarser macrocells are made from finer ones.
-        volume.macrocells(4)?;
+        volume.macrocells(seen.detail, 4)?;
     }
     let mut measured: Vec<(f64, SkipStage)> = Vec::new();
     let timed = |volume: &VolumeStage, stage: &SkipStage| {

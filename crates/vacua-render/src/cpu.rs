@@ -8,6 +8,7 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
+use vacua_pack::DetailLevel;
 use vacua_skip::{ActiveMask, Lattice, MAX_SAMPLES, MeshSkip};
 use vacua_volume::ValueScale;
 
@@ -16,9 +17,9 @@ use crate::auto::choose;
 use crate::error::RenderError;
 use crate::frame::Frame;
 use crate::overlay;
-use crate::scene::{Integrator, Jitter, Overlay, RenderSettings, Scene, SkipMethod};
+use crate::scene::{Detail, Jitter, Overlay, RenderSettings, Scene, SkipMethod};
 use crate::setup::{RaySetup, TILE};
-use crate::stage::{LookStage, SkipStage, VolumeStage};
+use crate::stage::{LookStage, Seen, SkipStage, VolumeStage};
 use crate::tiles::{Pass, render_pass};
 
 /// Makes pictures of scenes.
@@ -101,7 +102,7 @@ impl Stages {
         settings: &RenderSettings,
     ) -> Result<(), RenderError> {
         let side = self.skip.side;
-        let macrocells = self.volume.macrocells(side)?;
+        let macrocells = self.volume.macrocells(settings.detail, side)?;
         let mask = ActiveMask::new(&macrocells, self.look.activity(settings.integrator));
         let lattice = macrocells.lattice();
         let boundary = MeshSkip::new(lattice.clone(), mask);
@@ -118,7 +119,7 @@ impl Stages {
 struct Wanted {
     method: SkipMethod,
     side: Option<usize>,
-    integrator: Integrator,
+    seen: Seen,
 }
 
 /// Macrocell side where nothing else is asked for or measured.
@@ -139,6 +140,27 @@ impl CpuRenderer {
                 reason: e.to_string(),
             })?;
         Ok(Self { pool, stages: None })
+    }
+
+    /// How far estimates at a level of detail may be from the values of the mesh that was rendered
+    /// last, anywhere, in units of its field: a bound on all their bounds. `None` if nothing was
+    /// rendered, or no mesh.
+    ///
+    /// # Errors
+    /// [`RenderError::Lattice`] if the mesh is too long.
+    ///
+    /// # Cost
+    /// One pass over the boxes of the level.
+    pub fn largest_bound(&self, level: DetailLevel) -> Result<Option<f64>, RenderError> {
+        let volume = self.stages.as_ref().map(|stages| &stages.volume);
+        let Some((cells, volume)) = volume.and_then(|v| Some((v.packed.as_ref()?, v))) else {
+            return Ok(None);
+        };
+        let largest = self
+            .pool
+            .install(|| cells.largest_bound(level, volume.map))?;
+        tracing::info!(level = level.name(), largest, "bound of estimates");
+        Ok(Some(largest))
     }
 
     /// Threads of this renderer.
@@ -211,6 +233,11 @@ fn prepare(
             volume
         }
     };
+    if volume.packed.is_none() && settings.detail != Detail::Exact {
+        return Err(RenderError::NoDetail {
+            asked: settings.detail.name(),
+        });
+    }
     let start = Instant::now();
     let (look, kept) = match kept {
         Some((look, skip)) if look.transfer_function == scene.transfer_function => {
@@ -222,7 +249,7 @@ fn prepare(
     let wanted = Wanted {
         method: settings.skip,
         side: settings.macrocell_side,
-        integrator: settings.integrator,
+        seen: Seen::of(settings),
     };
     let (skip, reason) = match kept {
         Some((skip, was, reason)) if was == wanted => (skip, reason),
@@ -242,22 +269,14 @@ fn prepare(
                         render_pass(pass, volume, &mut frame.borrow_mut());
                     };
                     let side = settings.macrocell_side;
-                    let choice = choose(
-                        &mut volume,
-                        &look,
-                        settings.integrator,
-                        side,
-                        num_tiles,
-                        pilot,
-                    )?;
+                    let choice = choose(&mut volume, &look, wanted.seen, side, num_tiles, pilot)?;
                     report.auto_secs = start.elapsed().as_secs_f64();
                     (choice.stage, Some(choice.reason))
                 }
                 method => {
                     let side = settings.macrocell_side.unwrap_or(DEFAULT_MACROCELL_SIDE);
-                    let integrator = settings.integrator;
                     (
-                        SkipStage::new(&mut volume, &look, integrator, method, side)?,
+                        SkipStage::new(&mut volume, &look, wanted.seen, method, side)?,
                         None,
                     )
                 }
@@ -341,6 +360,7 @@ impl Rays {
             table: &look.table,
             threshold: look.threshold,
             integrator: settings.integrator,
+            detail: settings.detail,
             shading: settings.shading,
             termination: settings.termination,
             frame,

@@ -43,6 +43,14 @@ pub enum RenderError {
     /// Points of a curvilinear grid that are nowhere.
     #[error("no point of the grid has a finite position")]
     NoPositions,
+    /// A level of detail of what has none.
+    #[error(
+        "level of detail `{asked}` of a grid; only meshes and curvilinear grids have levels of detail"
+    )]
+    NoDetail {
+        /// What was asked for.
+        asked: &'static str,
+    },
     /// What renders failed: neither the scene nor the settings are to blame.
     #[error(transparent)]
     Device(Arc<dyn Error + Send + Sync>),

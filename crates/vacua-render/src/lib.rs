@@ -18,6 +18,7 @@ mod march;
 mod overlay;
 mod packed;
 mod point;
+mod progressive;
 mod sampler;
 mod scene;
 mod setup;
@@ -32,6 +33,7 @@ pub use data::SceneData;
 pub use error::RenderError;
 pub use frame::Frame;
 pub use point::VolumeSampler;
+pub use progressive::Progressive;
 pub use scene::{
-    ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Scene, Shading, SkipMethod,
+    ClipPlane, Detail, Integrator, Jitter, Overlay, RenderSettings, Scene, Shading, SkipMethod,
 };

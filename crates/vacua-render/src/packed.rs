@@ -6,6 +6,8 @@
 //! place in ray space becomes one of the mesh by one fused multiplication and addition, rounded
 //! once: that is where the sample is.
 
+mod detail;
+
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicU32, AtomicU64};

@@ -1,6 +1,7 @@
 //! What is to be seen and how: the scene and the settings of its rendering.
 
 use glam::DVec3;
+use vacua_pack::DetailLevel;
 use vacua_volume::{Bounds, TransferFunction};
 
 use crate::camera::Camera;
@@ -128,6 +129,27 @@ pub enum Jitter {
     Off,
 }
 
+/// What is taken for the values of a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Detail {
+    /// What boxes of this level say of what is in them ([`vacua_pack::detail`]): coarser and faster.
+    /// Estimates have no gradient, so that surfaces are not lit.
+    Level(DetailLevel),
+    /// The values.
+    #[default]
+    Exact,
+}
+
+impl Detail {
+    /// The word that `--lod` takes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Level(level) => level.name(),
+            Self::Exact => "exact",
+        }
+    }
+}
+
 /// What is drawn over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overlay {
@@ -147,6 +169,8 @@ pub struct RenderSettings {
     pub height: usize,
     /// Distance between samples, in cells.
     pub step: f64,
+    /// What is taken for the values of a mesh; grids have no levels of detail.
+    pub detail: Detail,
     /// How samples become a pixel.
     pub integrator: Integrator,
     /// Whether surfaces are lit.
@@ -173,6 +197,7 @@ impl Default for RenderSettings {
             width: 1024,
             height: 1024,
             step: 0.5,
+            detail: Detail::Exact,
             integrator: Integrator::March,
             shading: Shading::None,
             skip: SkipMethod::Auto,

@@ -15,7 +15,7 @@ use crate::blocks::Strides;
 use crate::data::SceneData;
 use crate::error::RenderError;
 use crate::packed::PackedCells;
-use crate::scene::{Integrator, SkipMethod};
+use crate::scene::{Detail, Integrator, RenderSettings, SkipMethod};
 use crate::space::RaySpace;
 
 /// What depends on the volume alone.
@@ -32,7 +32,7 @@ pub(crate) struct VolumeStage {
     /// Whether nothing computed from the values can be infinite, no number or subnormal.
     pub plain: bool,
     pub map: ValueMap,
-    macrocells: BTreeMap<usize, Arc<Macrocells>>,
+    macrocells: BTreeMap<(Detail, usize), Arc<Macrocells>>,
     /// Seconds spent on macrocells.
     pub macrocell_secs: f64,
 }
@@ -74,8 +74,12 @@ impl VolumeStage {
     }
 
     /// The macrocells of one size, computed when first asked for, from finer ones if there are any.
-    pub fn macrocells(&mut self, side: usize) -> Result<Arc<Macrocells>, RenderError> {
-        if let Some(cells) = self.macrocells.get(&side) {
+    pub fn macrocells(
+        &mut self,
+        detail: Detail,
+        side: usize,
+    ) -> Result<Arc<Macrocells>, RenderError> {
+        if let Some(cells) = self.macrocells.get(&(detail, side)) {
             return Ok(cells.clone());
         }
         let start = Instant::now();
@@ -83,14 +87,18 @@ impl VolumeStage {
             .macrocells
             .iter()
             .rev()
-            .find(|(finer, _)| side.is_multiple_of(**finer));
+            .find(|((of, finer), _)| *of == detail && side.is_multiple_of(*finer));
         let cells = match finer {
-            Some((finer, cells)) => cells.coarser(side / finer)?,
+            Some(((_, finer), cells)) => cells.coarser(side / finer)?,
             None => {
                 let lattice = Lattice::new(self.space.axes.clone(), side)?;
                 if let Some(cells) = &self.packed {
-                    let cells = Arc::new(cells.macrocells(lattice, self.map));
-                    return Ok(self.keep(side, cells, start));
+                    let cells = match detail {
+                        Detail::Exact => cells.macrocells(lattice, self.map),
+                        Detail::Level(level) => cells.macrocells_of(level, lattice, self.map),
+                    };
+                    let cells = Arc::new(cells);
+                    return Ok(self.keep((detail, side), cells, start));
                 }
                 let source = PointSource {
                     scalars: self.data.scalars(),
@@ -102,12 +110,17 @@ impl VolumeStage {
                 Macrocells::of_grid(lattice, source)
             }
         };
-        Ok(self.keep(side, Arc::new(cells), start))
+        Ok(self.keep((detail, side), Arc::new(cells), start))
     }
 
     /// Keeps macrocells that took from `start` until now.
-    fn keep(&mut self, side: usize, cells: Arc<Macrocells>, start: Instant) -> Arc<Macrocells> {
-        self.macrocells.insert(side, cells.clone());
+    fn keep(
+        &mut self,
+        key: (Detail, usize),
+        cells: Arc<Macrocells>,
+        start: Instant,
+    ) -> Arc<Macrocells> {
+        self.macrocells.insert(key, cells.clone());
         self.macrocell_secs += start.elapsed().as_secs_f64();
         cells
     }
@@ -154,6 +167,23 @@ impl LookStage {
     }
 }
 
+/// What is seen of a macrocell: which values, and what becomes of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Seen {
+    pub integrator: Integrator,
+    pub detail: Detail,
+}
+
+impl Seen {
+    /// What settings ask for.
+    pub fn of(settings: &RenderSettings) -> Self {
+        Self {
+            integrator: settings.integrator,
+            detail: settings.detail,
+        }
+    }
+}
+
 /// A skipper and what it took to build it.
 pub(crate) struct SkipStage {
     pub method: SkipMethod,
@@ -172,7 +202,7 @@ impl SkipStage {
     pub fn new(
         volume: &mut VolumeStage,
         look: &LookStage,
-        integrator: Integrator,
+        seen: Seen,
         method: SkipMethod,
         side: usize,
     ) -> Result<Self, RenderError> {
@@ -187,9 +217,9 @@ impl SkipStage {
                 num_macrocells: 0,
             });
         }
-        let macrocells = volume.macrocells(side)?;
+        let macrocells = volume.macrocells(seen.detail, side)?;
         let start = Instant::now();
-        let mask = ActiveMask::new(&macrocells, look.activity(integrator));
+        let mask = ActiveMask::new(&macrocells, look.activity(seen.integrator));
         let classify_secs = start.elapsed().as_secs_f64();
         let num_active = mask.num_active();
         let lattice = macrocells.lattice().clone();

@@ -12,7 +12,7 @@ use crate::blocks::{Partition, Strides};
 use crate::frame::Frame;
 use crate::march::{Composite, Composited, Largest, Maximum, RayResult};
 use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
-use crate::scene::{Integrator, Shading};
+use crate::scene::{Detail, Integrator, Shading};
 use crate::setup::{RaySetup, TILE, TILE_RAYS, TilePixels, TileRays};
 use crate::stage::VolumeStage;
 
@@ -26,6 +26,7 @@ pub(crate) struct Pass<'a> {
     pub table: &'a TransferTable,
     pub threshold: f32,
     pub integrator: Integrator,
+    pub detail: Detail,
     pub shading: Shading,
     pub termination: f32,
     /// Number of the frame among those that are averaged.
@@ -41,7 +42,10 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
     let scalars = volume.data.scalars();
     let map = volume.wide_map();
     if let Some(cells) = &volume.packed {
-        bands(pass, &cells.sampler(map), frame);
+        match pass.detail {
+            Detail::Exact => bands(pass, &cells.sampler(map), frame),
+            Detail::Level(level) => bands(pass, &cells.sampler_of(level, volume.map), frame),
+        }
         return;
     }
     let blanked_cells = volume.data.blanked_cells();

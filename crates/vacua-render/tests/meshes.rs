@@ -3,9 +3,10 @@
 
 use glam::DVec3;
 use proptest::prelude::*;
+use vacua_pack::{DetailLevel, EncodeOptions, PackedField, PackedVolume, Variant, encode};
 use vacua_render::{
-    Camera, ClipPlane, CpuRenderer, Frame, Integrator, Jitter, Projection, RenderSettings,
-    Renderer, Scene, Shading, SkipMethod,
+    Camera, ClipPlane, CpuRenderer, Detail, Frame, Integrator, Jitter, Progressive, Projection,
+    RenderSettings, Renderer, Scene, SceneData, Shading, SkipMethod,
 };
 use vacua_volume::{
     Association, CellMask, CellType, ColorPoint, ComponentChoice, DataArray, Dataset, Field,
@@ -273,6 +274,28 @@ fn bits(frame: &Frame) -> Vec<[u32; 5]> {
         .collect()
 }
 
+fn settings(case: &Case, skip: SkipMethod) -> RenderSettings {
+    RenderSettings {
+        width: 9,
+        height: 7,
+        step: case.step,
+        integrator: if case.maximum {
+            Integrator::MaximumIntensity
+        } else {
+            Integrator::March
+        },
+        shading: if case.gradient {
+            Shading::Gradient
+        } else {
+            Shading::None
+        },
+        skip,
+        macrocell_side: Some(case.side),
+        jitter: if case.jitter { Jitter::On } else { Jitter::Off },
+        ..Default::default()
+    }
+}
+
 #[test]
 fn skipping_is_invisible() {
     let renderers = [Some(1), Some(3)].map(|n| CpuRenderer::new(n).expect("threads"));
@@ -286,25 +309,7 @@ fn skipping_is_invisible() {
     let mut runner = proptest::test_runner::TestRunner::new(config);
     let result = runner.run(&case(), |case| {
         let scene = scene(&case);
-        let settings = |skip| RenderSettings {
-            width: 9,
-            height: 7,
-            step: case.step,
-            integrator: if case.maximum {
-                Integrator::MaximumIntensity
-            } else {
-                Integrator::March
-            },
-            shading: if case.gradient {
-                Shading::Gradient
-            } else {
-                Shading::None
-            },
-            skip,
-            macrocell_side: Some(case.side),
-            jitter: if case.jitter { Jitter::On } else { Jitter::Off },
-            ..Default::default()
-        };
+        let settings = |skip| settings(&case, skip);
         let mut renderers = renderers.borrow_mut();
         let reference = renderers[0].render(&scene, &settings(SkipMethod::None));
         let reference = match reference {
@@ -334,6 +339,128 @@ fn skipping_is_invisible() {
         "{} pictures with anything",
         visible.get()
     );
+}
+
+/// The scene with its mesh encoded in a variant, into sub-meshes of few vertices.
+fn encoded(scene: Scene, variant: Variant) -> Scene {
+    let SceneData::Volume(volume) = &scene.data else {
+        return scene;
+    };
+    let options = EncodeOptions {
+        variant,
+        index_bits: 8,
+    };
+    let mesh = volume.mesh().expect("a mesh");
+    let encoded = encode(mesh, options).expect("encodable");
+    let (name, association) = (volume.name(), volume.association());
+    let scalars = volume.scalars();
+    let field = PackedField::pack(&encoded.mesh, &encoded.map, name, association, scalars);
+    let volume = PackedVolume::new(encoded.mesh, field.expect("fits"));
+    Scene {
+        data: volume.into(),
+        ..scene
+    }
+}
+
+#[test]
+fn skipping_is_invisible_at_every_level_of_detail() {
+    let renderer = std::cell::RefCell::new(CpuRenderer::new(Some(1)).expect("threads"));
+    let visible = std::cell::Cell::new(0);
+    let skipped = std::cell::Cell::new(0);
+    let config = ProptestConfig {
+        cases: 150,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    };
+    let mut runner = proptest::test_runner::TestRunner::new(config);
+    let result = runner.run(&(case(), 0usize..3), |(case, variant)| {
+        let variants = [Variant::MultiLeaves, Variant::MultiNodes, Variant::Small];
+        let scene = encoded(scene(&case), variants[variant]);
+        let mut renderer = renderer.borrow_mut();
+        for level in DetailLevel::ALL {
+            let settings = |skip| RenderSettings {
+                detail: Detail::Level(level),
+                ..settings(&case, skip)
+            };
+            let reference = match renderer.render(&scene, &settings(SkipMethod::None)) {
+                Ok(rendering) => rendering.frame,
+                // All cells blanked.
+                Err(_) => return Ok(()),
+            };
+            visible.set(visible.get() + usize::from(!reference.is_blank()));
+            for method in [SkipMethod::Grid, SkipMethod::Boxes, SkipMethod::Mesh] {
+                let rendering = renderer.render(&scene, &settings(method));
+                let frame = rendering.expect("a good scene").frame;
+                prop_assert!(bits(&frame) == bits(&reference), "{method:?} at {level:?}");
+                prop_assert!(frame.total_samples() <= reference.total_samples());
+                let fewer = frame.total_samples() < reference.total_samples();
+                skipped.set(skipped.get() + usize::from(fewer));
+            }
+        }
+        Ok(())
+    });
+    if let Err(error) = result {
+        panic!("{error}");
+    }
+    assert!(visible.get() > 60, "{} pictures", visible.get());
+    assert!(skipped.get() > 60, "{} pictures", skipped.get());
+}
+
+/// The last of the pictures on the way is the picture, and coarse ones come before it.
+#[test]
+fn a_progressive_picture_ends_as_it_should() {
+    let mut renderer = CpuRenderer::new(Some(2)).expect("threads");
+    let case = Case {
+        knots: vec![(0, 0.0), (6, 0.2), (8, 0.8)],
+        ..plain(3, 1.0)
+    };
+    let scene = scene(&case);
+    for (samples_per_pixel, jitter) in [(1, Jitter::Auto), (3, Jitter::Auto), (2, Jitter::Off)] {
+        let settings = RenderSettings {
+            samples_per_pixel,
+            jitter,
+            ..settings(&case, SkipMethod::Auto)
+        };
+        let whole = renderer.render(&scene, &settings).expect("renders").frame;
+        let mut pictures = Progressive::new(&mut renderer, &scene, settings);
+        let mut all = Vec::new();
+        while pictures.remaining() > 0 {
+            let picture = pictures.next().expect("as many as remain");
+            all.push(picture.expect("renders").frame);
+        }
+        assert!(pictures.next().is_none());
+        assert_eq!(all.len(), 2 + samples_per_pixel as usize);
+        let last = all.last().expect("pictures");
+        assert!(bits(last) == bits(&whole));
+        assert_eq!(last.samples, whole.samples);
+        for coarse in &all[..2] {
+            assert!(!coarse.is_blank() && bits(coarse) != bits(&whole));
+        }
+    }
+}
+
+#[test]
+fn grids_have_no_levels_of_detail() {
+    let grid = vacua_volume::UniformGrid::new([3; 3], DVec3::ZERO, DVec3::ONE).expect("a grid");
+    let values = DataArray::from_vec((0..27u8).collect(), 1).expect("one column");
+    let field = Field::new("f", Association::Point, values);
+    let volume = Dataset::new(Geometry::Uniform(grid), vec![field])
+        .and_then(|d| d.volume(&FieldChoice::Only, ComponentChoice::Auto))
+        .expect("it fits together");
+    let scene = Scene::new(volume, look(&[(0.0, 0.5)], 1.0));
+    let mut renderer = CpuRenderer::new(Some(1)).expect("threads");
+    let settings = RenderSettings {
+        width: 8,
+        height: 8,
+        detail: Detail::Level(DetailLevel::Leaf),
+        ..Default::default()
+    };
+    let error = renderer.render(&scene, &settings).expect_err("no levels");
+    assert!(error.to_string().contains("only meshes"), "{error}");
+    let all: Vec<_> = Progressive::new(&mut renderer, &scene, RenderSettings::default())
+        .map(|picture| picture.expect("renders"))
+        .collect();
+    assert_eq!(all.len(), 1);
 }
 
 fn plain(cut: usize, scale: f64) -> Case {

@@ -7,7 +7,7 @@ use vacua_io::{IoError, ReadOptions, Source};
 use vacua_pack::PackedVolume;
 use vacua_pack::file::{PackedFile, is_packed};
 use vacua_render::SceneData;
-use vacua_volume::{ComponentChoice, Dataset, DatasetError, FieldChoice, Volume};
+use vacua_volume::{ComponentChoice, Dataset, FieldChoice, Volume};
 
 use crate::quick::Error;
 
@@ -17,8 +17,9 @@ use crate::quick::Error;
 pub enum Content {
     /// All that a file holds.
     Dataset(Dataset),
-    /// A `.vacua` file, used where it is mapped.
-    Encoded(Arc<PackedFile>),
+    /// A `.vacua` file, used where it is mapped, and the number of a time step of it; the first if not
+    /// given.
+    Encoded(Arc<PackedFile>, Option<u32>),
     /// One scalar field.
     Data(SceneData),
 }
@@ -41,7 +42,8 @@ pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Conten
         let source = Source::open(path)?;
         if is_packed(source.bytes()) {
             let file = PackedFile::from_source(source)?;
-            return Ok(Content::Encoded(Arc::new(file)));
+            let step = options.step.map(|s| u32::try_from(s).unwrap_or(u32::MAX));
+            return Ok(Content::Encoded(Arc::new(file), step));
         }
     }
     vacua_io::open_with(path, options).map(Content::Dataset)
@@ -58,7 +60,11 @@ impl Content {
                 let names = dataset.fields().iter().map(|field| field.name().to_owned());
                 names.collect()
             }
-            Self::Encoded(file) => file.fields()?.into_iter().map(|field| field.name).collect(),
+            Self::Encoded(file, step) => {
+                let first = file.steps()?.first().map(|s| s.number);
+                let groups = file.groups_of(step.or(first))?;
+                groups.into_iter().map(|group| group.name).collect()
+            }
             Self::Data(data) => vec![data.name().to_owned()],
         })
     }
@@ -75,18 +81,8 @@ impl Content {
     ) -> Result<SceneData, Error> {
         match self {
             Self::Dataset(dataset) => Ok(dataset.volume(field, component)?.into()),
-            Self::Encoded(file) => {
-                let packed = PackedVolume::open(file, field)?;
-                match component {
-                    ComponentChoice::Index(asked @ 1..) => {
-                        Err(Error::Dataset(DatasetError::NoSuchComponent {
-                            name: packed.field().name().to_owned(),
-                            asked,
-                            components: 1,
-                        }))
-                    }
-                    _ => Ok(packed.into()),
-                }
+            Self::Encoded(file, step) => {
+                Ok(PackedVolume::open_part(file, *step, field, component)?.into())
             }
             Self::Data(data) => Ok(data.clone()),
         }
@@ -101,7 +97,7 @@ impl From<Dataset> for Content {
 
 impl From<PackedFile> for Content {
     fn from(file: PackedFile) -> Self {
-        Self::Encoded(Arc::new(file))
+        Self::Encoded(Arc::new(file), None)
     }
 }
 

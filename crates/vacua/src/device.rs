@@ -1,9 +1,10 @@
 //! What renders: the CPU, or a GPU where there is one.
 
 use std::str::FromStr;
+use std::sync::Arc;
 
 use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuRenderer};
-use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Rendering, Scene};
+use vacua_render::{CpuRenderer, Detail, RenderError, RenderSettings, Renderer, Rendering, Scene};
 
 /// What renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,6 +39,20 @@ impl FromStr for Device {
     }
 }
 
+/// A level of detail that was asked of a GPU.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("level of detail `{0}` on a GPU, which samples exactly; the CPU renders it (--device cpu)")]
+struct DetailOnGpu(&'static str);
+
+/// What rendered the last picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Last {
+    /// The GPU, or nothing has been rendered.
+    Gpu,
+    /// The CPU.
+    Cpu,
+}
+
 /// A renderer on a device, or on whichever one fits.
 pub struct Backend {
     gpu: Option<GpuGroup>,
@@ -45,6 +60,7 @@ pub struct Backend {
     threads: Option<usize>,
     /// Whether the CPU may step in for the GPU.
     is_auto: bool,
+    last: Last,
     /// Why the CPU renders, if a GPU was looked for.
     reason: Option<String>,
 }
@@ -60,6 +76,7 @@ impl Backend {
             cpu: None,
             threads,
             is_auto: device == Device::Auto,
+            last: Last::Gpu,
             reason: None,
         };
         let choice = match device {
@@ -89,9 +106,24 @@ impl Backend {
         Ok(())
     }
 
-    /// What renders: `cpu`, or `gpu:N` and the name of the device, of each if there are several.
+    fn on_cpu(
+        &mut self,
+        scene: &Scene,
+        settings: &RenderSettings,
+    ) -> Result<Rendering, RenderError> {
+        self.last = Last::Cpu;
+        match &mut self.cpu {
+            Some(cpu) => cpu.render(scene, settings),
+            None => self
+                .cpu
+                .insert(CpuRenderer::new(self.threads)?)
+                .render(scene, settings),
+        }
+    }
+
+    /// What rendered last, or will: `cpu`, or `gpu:N` and the name of the device, of each if there are several.
     pub fn name(&self) -> String {
-        let Some(group) = &self.gpu else {
+        let Some(group) = self.gpu.as_ref().filter(|_| self.last == Last::Gpu) else {
             return "cpu".to_owned();
         };
         let name = |gpu: &GpuRenderer| {
@@ -107,9 +139,15 @@ impl Backend {
         self.reason.as_deref()
     }
 
-    /// The renderer on the GPU, if that is what renders; the first one if there are several.
+    /// The renderer on the CPU, if it has rendered.
+    pub fn cpu(&self) -> Option<&CpuRenderer> {
+        self.cpu.as_ref()
+    }
+
+    /// The renderer on the GPU, if that is what rendered last; the first one if there are several.
     pub fn gpu(&self) -> Option<&GpuRenderer> {
-        self.gpu.as_ref()?.members().first()
+        let group = self.gpu.as_ref().filter(|_| self.last == Last::Gpu);
+        group?.members().first()
     }
 }
 
@@ -121,6 +159,16 @@ impl Renderer for Backend {
         scene: &Scene,
         settings: &RenderSettings,
     ) -> Result<Rendering, RenderError> {
+        if self.gpu.is_some() && settings.detail != Detail::Exact {
+            let refused = DetailOnGpu(settings.detail.name());
+            if !self.is_auto {
+                return Err(RenderError::Device(Arc::new(refused)));
+            }
+            // Exact pictures of the same scene may follow on the GPU.
+            self.reason = Some(refused.to_string());
+            return self.on_cpu(scene, settings);
+        }
+        self.last = Last::Gpu;
         if let Some(gpu) = &mut self.gpu {
             match gpu.render(scene, settings) {
                 Err(RenderError::Device(error)) if self.is_auto => {
@@ -135,13 +183,7 @@ impl Renderer for Backend {
                 other => return other,
             }
         }
-        match &mut self.cpu {
-            Some(cpu) => cpu.render(scene, settings),
-            None => self
-                .cpu
-                .insert(CpuRenderer::new(self.threads)?)
-                .render(scene, settings),
-        }
+        self.on_cpu(scene, settings)
     }
 }
 

@@ -47,6 +47,6 @@ pub use content::{Content, open, open_with};
 pub use device::{Backend, Device};
 pub use quick::{Error, Frame, Look, Renderer, Scene, renderer};
 pub use vacua_render::{
-    Camera, ClipPlane, Integrator, Jitter, Overlay, RenderSettings, Shading, SkipMethod,
+    Camera, ClipPlane, Detail, Integrator, Jitter, Overlay, RenderSettings, Shading, SkipMethod,
 };
 pub use vacua_volume::{Dataset, TransferFunction, TransferStyle, Volume};

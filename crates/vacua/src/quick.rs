@@ -32,6 +32,9 @@ pub enum Error {
     /// The picture cannot be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// A `.vacua` file has not what was asked for.
+    #[error(transparent)]
+    Packed(PackedVolumeError),
     /// A file could not be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
@@ -42,6 +45,7 @@ impl From<PackedVolumeError> for Error {
         match error {
             PackedVolumeError::Choice(error) => Self::Dataset(error),
             PackedVolumeError::Io(error) => Self::Io(error),
+            other => Self::Packed(other),
         }
     }
 }

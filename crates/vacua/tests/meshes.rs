@@ -383,6 +383,229 @@ fn meshes_are_rendered_encoded_or_not() {
     );
 }
 
+/// What `sample` says of points.
+fn values_at(arguments: &[&str], points: &str) -> Vec<Option<f64>> {
+    let output = succeed(&[&["sample", "--points", points], arguments].concat());
+    let text = String::from_utf8(output.stdout).expect("text");
+    let value = |line: &str| {
+        let cell = line.split(',').nth(4).expect("five columns");
+        (!cell.is_empty()).then(|| cell.parse().expect("a number"))
+    };
+    text.lines().skip(1).map(value).collect()
+}
+
+/// Points spread over the box of a file.
+fn points_within(info: &Value, path: &Path) -> String {
+    let bounds: Vec<f64> = info["bounds"]
+        .as_array()
+        .expect("six")
+        .iter()
+        .filter_map(Value::as_f64)
+        .collect();
+    let mut lines = String::new();
+    for i in 0..400u32 {
+        // Multiples of three irrational numbers spread evenly.
+        let share =
+            [0.819_172_51, 0.671_043_61, 0.549_700_48].map(|r: f64| (r * f64::from(i)).fract());
+        let at = [0, 1, 2].map(|a| bounds[2 * a] + share[a] * (bounds[2 * a + 1] - bounds[2 * a]));
+        lines += &format!("{},{},{}\n", at[0], at[1], at[2]);
+    }
+    std::fs::write(path, lines).expect("writable");
+    text(path)
+}
+
+fn assert_close(found: &[Option<f64>], expected: &[Option<f64>], what: &str) {
+    assert_eq!(found.len(), expected.len());
+    assert!(expected.iter().flatten().count() > 20, "{what}");
+    for (found, expected) in found.iter().zip(expected) {
+        match (found, expected) {
+            (Some(a), Some(b)) => {
+                assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{what}: {a} {b}")
+            }
+            (a, b) => assert_eq!(a, b, "{what}"),
+        }
+    }
+}
+
+/// Components and magnitude of vectors are those of the file that was encoded.
+#[test]
+fn encoded_vectors_keep_their_components() {
+    let folder = folder();
+    let can = data("can.vtu");
+    let plain = as_json(&["info", &can, "--json"]);
+    let points = points_within(&plain, &folder.path().join("points.csv"));
+    for variant in ["2", "small"] {
+        let packed = text(&folder.path().join(format!("{variant}.vacua")));
+        succeed(&["encode", &can, "-o", &packed, "--variant", variant]);
+        let info = as_json(&["info", &packed, "--json"]);
+        assert_eq!(info["fields"], plain["fields"]);
+        for component in ["0", "1", "2", "mag"] {
+            let choice = ["--field", "VEL", "--component", component];
+            let of = |path: &str| values_at(&[&[path], &choice[..]].concat(), &points);
+            assert_close(&of(&packed), &of(&can), component);
+        }
+        let magnitude = values_at(&[&packed, "--field", "VEL"], &points);
+        let choice = ["--field", "VEL", "--component", "mag"];
+        assert_eq!(
+            magnitude,
+            values_at(&[&[packed.as_str()], &choice[..]].concat(), &points)
+        );
+        let message = fails(
+            &[
+                "sample",
+                &packed,
+                "--points",
+                &points,
+                "--field",
+                "VEL",
+                "--component",
+                "3",
+            ],
+            1,
+        );
+        assert!(
+            message.contains("VEL") && message.contains('3'),
+            "{message}"
+        );
+    }
+}
+
+/// The fields of a time step of an encoded mesh are those of that step of the file.
+#[test]
+fn encoded_time_steps_are_chosen_by_number_and_time() {
+    let folder = folder();
+    let in_folder = |name: &str| text(&folder.path().join(name));
+    let series = data("hdf/steps.vtkhdf");
+    let packed = in_folder("steps.vacua");
+    let encode = [
+        "encode",
+        &series,
+        "-o",
+        &packed,
+        "--all-steps",
+        "--fields",
+        "wave",
+    ];
+    let encoded = vacua(&encode);
+    assert!(
+        encoded.status.success(),
+        "{}",
+        String::from_utf8_lossy(&encoded.stderr)
+    );
+    let info = as_json(&["info", &packed, "--json"]);
+    assert_eq!(info["time_steps"], 3);
+    let times: Vec<f64> = info["times"]
+        .as_array()
+        .expect("times")
+        .iter()
+        .filter_map(Value::as_f64)
+        .collect();
+    assert_eq!(times.len(), 3);
+    let points = points_within(&info, &folder.path().join("points.csv"));
+    let mut seen = Vec::new();
+    for (number, time) in times.iter().enumerate() {
+        let time = time.to_string();
+        let of =
+            |path: &str, time: &str| values_at(&[path, "--field", "wave", "--time", time], &points);
+        let expected = of(&series, &time);
+        assert_close(&of(&packed, &time), &expected, &time);
+        let one = as_json(&["info", &packed, "--time", &time, "--json"]);
+        assert_eq!(one["time_step"], json!(number));
+        assert_eq!(one["fields"].as_array().map(Vec::len), Some(1));
+        assert_eq!(one["fields"][0]["step"], json!(number));
+        seen.push(expected);
+    }
+    assert!(seen[0] != seen[1] && seen[1] != seen[2], "steps differ");
+    assert_eq!(
+        values_at(&[&packed], &points),
+        values_at(&[&packed, "--time", "0"], &points)
+    );
+    for command in [
+        vec!["info", &packed, "--time", "77"],
+        vec!["sample", &packed, "--points", &points, "--time", "77"],
+        vec!["render", &packed, "-o", "never.png", "--time", "77"],
+    ] {
+        let message = fails(&command, 1);
+        assert!(message.contains("steps 0 to 2, at times"), "{message}");
+    }
+    let plain = String::from_utf8(succeed(&["info", &packed]).stdout).expect("text");
+    assert!(plain.contains("step 2, time"), "{plain}");
+}
+
+/// Coarse values keep their bound, and pictures are made of them.
+#[test]
+fn levels_of_detail_of_an_encoded_mesh() {
+    let folder = folder();
+    let in_folder = |name: &str| text(&folder.path().join(name));
+    let (mesh, packed) = (data("post.vtk"), in_folder("post.vacua"));
+    succeed(&["encode", &mesh, "-o", &packed, "--index-bits", "9"]);
+    let info = as_json(&["info", &packed, "--json"]);
+    let points = points_within(&info, &folder.path().join("points.csv"));
+    let field = ["--field", "Pressure"];
+    let exact = values_at(&[&[packed.as_str()], &field[..]].concat(), &points);
+    let mut pictures = Vec::new();
+    let mut largest = Vec::new();
+    for level in ["submesh", "multileaf", "leaf", "exact"] {
+        let picture = in_folder("picture.png");
+        let render = [
+            "render", &packed, "--size", "48x48", "--device", "cpu", "--json", "--lod", level,
+            "-o", &picture,
+        ];
+        let report = as_json(&[&render[..], &field].concat());
+        assert_eq!(report["lod"]["level"], level);
+        pictures.push(image::open(&picture).expect("a picture").to_rgb8());
+        if level == "exact" {
+            assert_eq!(report["lod"]["largest_bound"], Value::Null);
+            continue;
+        }
+        let bound = report["lod"]["largest_bound"].as_f64().expect("a bound");
+        let sample = ["sample", &packed, "--points", &points, "--lod", level];
+        let output = succeed(&[&sample[..], &field].concat());
+        let text = String::from_utf8(output.stdout).expect("text");
+        assert!(text.starts_with("x,y,z,inside,value,bound\n"), "{text}");
+        for (line, exact) in text.lines().skip(1).zip(&exact) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let Some(exact) = exact else { continue };
+            let number = |i: usize| cells[i].parse::<f64>().expect("a number");
+            assert!((number(4) - exact).abs() <= number(5), "{line}: {exact}");
+            assert!(number(5) <= bound, "{line}: {bound}");
+        }
+        largest.push(bound);
+    }
+    assert!(
+        largest[0] >= largest[1] && largest[1] >= largest[2],
+        "{largest:?}"
+    );
+    assert!(pictures.windows(2).all(|p| p[0] != p[1]), "levels differ");
+    let (slowly, at_once) = (in_folder("slowly.png"), in_folder("at_once.png"));
+    let common = ["--size", "48x48", "--device", "cpu", "--spp", "2"];
+    let render = |arguments: &[&str]| {
+        succeed(&[&["render", &packed][..], &field, &common, arguments].concat())
+    };
+    render(&["-o", &slowly, "--progressive"]);
+    render(&["-o", &at_once]);
+    let read = |path: &str| std::fs::read(path).expect("written");
+    assert!(
+        read(&slowly) == read(&at_once),
+        "the last picture is the picture"
+    );
+    let message = fails(&["render", &packed, "-o", &slowly, "--lod", "node"], 2);
+    assert!(
+        message.contains("submesh, multileaf, leaf or exact"),
+        "{message}"
+    );
+    let grid = data("hydrogen.vti");
+    let message = fails(
+        &[
+            "render", &grid, "-o", &slowly, "--lod", "leaf", "--device", "cpu",
+        ],
+        1,
+    );
+    assert!(message.contains("only meshes"), "{message}");
+    let message = fails(&["sample", &mesh, "--points", &points, "--lod", "leaf"], 2);
+    assert!(message.contains("encoded meshes"), "{message}");
+}
+
 /// VTKHDF, XDMF and Exodus II in HDF5, with time steps, through everything that reads.
 #[test]
 fn hdf5_and_xdmf_work_as_other_files_do() {

@@ -152,7 +152,7 @@ impl PacketBoxes {
 
 /// Lower corners of a node's children in the first block, turned upper corners in the second.
 #[inline(always)]
-fn child_boxes<S: Simd>(node: &MultiLeaf) -> [S::F; 3] {
+pub(crate) fn child_boxes<S: Simd>(node: &MultiLeaf) -> [S::F; 3] {
     let one_more = S::F::of_blocks(0.0, 1.0);
     per_axis!(i => {
         let from = f32::from(node.lo[i]) * CHILD_DIVISIONS as f32;
@@ -165,7 +165,7 @@ fn child_boxes<S: Simd>(node: &MultiLeaf) -> [S::F; 3] {
 
 /// A bit for each byte that is not 0.
 #[inline(always)]
-fn nonzero_bytes(bytes: [u8; WIDTH]) -> u8 {
+pub(crate) fn nonzero_bytes(bytes: [u8; WIDTH]) -> u8 {
     const LOW: u64 = 0x7F7F_7F7F_7F7F_7F7F;
     let word = u64::from_le_bytes(bytes);
     lowest_bits(((((word & LOW) + LOW) | word) >> 7) & 0x0101_0101_0101_0101)
@@ -179,7 +179,7 @@ fn lowest_bits(bytes: u64) -> u8 {
 
 /// A bit for each child that is there, leaf or node: the upper nibble along x is not below the lower.
 #[inline(always)]
-fn ordered_nibbles(bytes: [u8; WIDTH]) -> u8 {
+pub(crate) fn ordered_nibbles(bytes: [u8; WIDTH]) -> u8 {
     const NIBBLE: u64 = 0x0F0F_0F0F_0F0F_0F0F;
     let word = u64::from_le_bytes(bytes);
     let (lo, hi) = (word & NIBBLE, word >> 4 & NIBBLE);

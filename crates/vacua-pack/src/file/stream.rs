@@ -82,8 +82,8 @@ pub struct FieldInput {
     pub association: Association,
     /// One value a point or cell.
     pub values: DataArray,
-    /// Its time step, if there are several.
-    pub step: Option<FieldStep>,
+    /// Its time step, and what it is a part of.
+    pub label: FieldLabel,
 }
 
 /// What was written.
@@ -305,8 +305,8 @@ fn pack_fields(mut submesh: EncodedSubmesh, fields: &[FieldInput]) -> Made {
                 (Vec::new(), bytemuck::allocation::pod_collect_to_vec(&part.values))
             };
             FieldBytesOfPart {
-                ends: part.ends(),
-                slots: part.slots,
+                ends: part.ranges.ends(),
+                slots: part.ranges.slots,
                 cells_before: match field.association {
                     Association::Cell if !is_small => cells_before(&view),
                     _ => Vec::new(),

@@ -40,14 +40,18 @@ fn written(variant: Variant) -> Vec<u8> {
     let (encoded, fields) = example(variant);
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("example.vacua");
-    let steps = [
-        None,
-        Some(FieldStep {
-            number: 0,
-            time: 0.25,
-        }),
+    let step = FieldStep {
+        number: 0,
+        time: 0.25,
+    };
+    let labels = [
+        FieldLabel::default(),
+        FieldLabel {
+            step: Some(step),
+            vector: None,
+        },
     ];
-    let fields: Vec<_> = fields.into_iter().zip(steps).collect();
+    let fields: Vec<_> = fields.into_iter().zip(labels).collect();
     write_file_with(&path, &encoded.mesh, Some(&encoded.map), &fields).expect("writable");
     std::fs::read(&path).expect("readable")
 }
@@ -110,8 +114,11 @@ fn what_is_written_is_read() {
         assert_eq!(mesh.bounds(), encoded.mesh.bounds());
         let entries = file.fields().expect("named");
         assert_eq!(entries.len(), 2);
-        assert_eq!(entries[0].step, None);
-        assert_eq!(entries[1].step.map(|s| (s.number, s.time)), Some((0, 0.25)));
+        assert_eq!(entries[0].label.step, None);
+        assert_eq!(
+            entries[1].label.step.map(|s| (s.number, s.time)),
+            Some((0, 0.25))
+        );
         assert_eq!(file.map(&mesh).expect("intact"), Some(encoded.map));
         for (i, field) in fields.iter().enumerate() {
             let read = file.field(&mesh, i).expect("intact");

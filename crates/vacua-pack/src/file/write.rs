@@ -46,6 +46,7 @@ pub(super) struct FieldHead<'a> {
     association: Association,
     scalar_type: ScalarType,
     step: Option<(u32, [u8; 8])>,
+    vector: Option<&'a VectorPart>,
 }
 
 impl<'a> FieldHead<'a> {
@@ -53,25 +54,33 @@ impl<'a> FieldHead<'a> {
         name: &'a str,
         association: Association,
         scalar_type: ScalarType,
-        step: Option<FieldStep>,
+        label: &'a FieldLabel,
     ) -> Self {
         Self {
             name,
             association,
             scalar_type,
-            step: step.map(|s| (s.number, s.time.to_le_bytes())),
+            step: label.step.map(|s| (s.number, s.time.to_le_bytes())),
+            vector: label.vector.as_ref(),
         }
     }
 
     /// Of a field that is still to be packed.
     pub fn of_input(field: &'a FieldInput) -> Self {
         let scalar_type = field.values.scalar_type();
-        Self::new(&field.name, field.association, scalar_type, field.step)
+        Self::new(&field.name, field.association, scalar_type, &field.label)
     }
 
-    fn of_packed(field: &'a PackedField, step: Option<FieldStep>) -> Self {
+    /// Of a field that stays in the file.
+    pub fn of_entry(entry: &'a FieldEntry) -> Self {
+        let (association, scalar_type) = (entry.association, entry.scalar_type);
+        Self::new(&entry.name, association, scalar_type, &entry.label)
+    }
+
+    /// Of a packed field.
+    pub fn of_packed(field: &'a PackedField, label: &'a FieldLabel) -> Self {
         let scalar_type = field.values.scalar_type();
-        Self::new(&field.name, field.association, scalar_type, step)
+        Self::new(&field.name, field.association, scalar_type, label)
     }
 }
 
@@ -121,6 +130,10 @@ pub(super) fn layout_of<'a>(
         if let Some((step, time)) = &field.step {
             add(STEP, *step, Some(time));
         }
+        if let Some(vector) = field.vector {
+            let component = vector.component.detail();
+            add(VECTOR, component, Some(vector.name.as_bytes()));
+        }
         add(SUBMESH_RANGES, 0, None);
         add(NODE_RANGES, 0, None);
         let detail = place.unwrap_or(0) as u32;
@@ -169,11 +182,12 @@ pub(super) fn header_of(options: EncodeOptions, table: &mut [Entry]) -> Header {
 /// # Errors
 /// [`IoError`] if the folder cannot be written.
 pub fn write_file(path: &Path, mesh: &PackedMesh, fields: &[PackedField]) -> Result<(), IoError> {
-    let fields: Vec<_> = fields.iter().map(|f| (f.clone(), None)).collect();
+    let unlabelled = |f: &PackedField| (f.clone(), FieldLabel::default());
+    let fields: Vec<_> = fields.iter().map(unlabelled).collect();
     write_file_with(path, mesh, None, &fields)
 }
 
-/// As [`write_file`], with the map from packed to original order, and with time steps of fields. The
+/// As [`write_file`], with the map from packed to original order, and with labels of fields. The
 /// file may be the one that mesh and fields are mapped from.
 ///
 /// # Errors
@@ -182,17 +196,16 @@ pub fn write_file_with(
     path: &Path,
     mesh: &PackedMesh,
     map: Option<&PackMap>,
-    fields: &[(PackedField, Option<FieldStep>)],
+    fields: &[(PackedField, FieldLabel)],
 ) -> Result<(), IoError> {
     let heads: Vec<FieldHead> = fields
         .iter()
-        .map(|(field, step)| FieldHead::of_packed(field, *step))
+        .map(|(field, label)| FieldHead::of_packed(field, label))
         .collect();
     let layout = layout_of(mesh.variant, map.is_some(), &heads);
     let encoded = map.map(|map| [&map.points, &map.cells].map(encode_ids));
     let bytes_of = |section: &Section| -> &[u8] {
         let field = || fields.get(section.field as usize).map(|(field, _)| field);
-        let of_field = |get: fn(&PackedField) -> &[u8]| field().map_or(&[][..], get);
         let of_map = |which: usize| encoded.as_ref().map_or(&[][..], |e| &e[which]);
         let of_clusters = |which: usize| {
             mesh.clusters()
@@ -206,16 +219,11 @@ pub fn write_file_with(
             POSITIONS => mesh.positions.bytes(),
             MAP_POINTS => of_map(0),
             MAP_CELLS => of_map(1),
-            SUBMESH_RANGES => of_field(|f| f.submesh_ranges.bytes()),
-            NODE_RANGES => of_field(|f| f.node_ranges.bytes()),
-            CELLS_BEFORE => of_field(|f| f.cells_before.as_ref().map_or(&[], |c| c.bytes())),
             CLUSTERS => of_clusters(0),
             CLUSTER_BITS => of_clusters(1),
             POSITION_FRAMES => of_clusters(2),
             FRAMED_POSITIONS => of_clusters(3),
-            VALUE_FRAMES => of_field(|f| f.framed.as_ref().map_or(&[], |v| v.blocks.bytes())),
-            FRAMED_VALUES => of_field(|f| f.framed.as_ref().map_or(&[], |v| v.bits.bytes())),
-            _ => of_field(|f| f.values.bytes()),
+            kind => field().map_or(&[][..], |field| section_bytes(kind, field)),
         }
     };
     let pieces: Vec<&[u8]> = layout
@@ -234,18 +242,38 @@ pub fn write_file_with(
         index_bits: mesh.index_bits,
     };
     let header = header_of(options, &mut table);
-    write_atomically(path, |file| {
-        file.write_all(bytemuck::bytes_of(&header))?;
-        file.write_all(bytemuck::cast_slice(&table))?;
-        let mut at = (size_of::<Header>() + size_of_val(table.as_slice())) as u64;
-        for (entry, bytes) in table.iter().zip(&pieces) {
-            let gap = (entry.offset - at) as usize;
-            file.write_all(&[0; ALIGNMENT as usize][..gap])?;
-            file.write_all(bytes)?;
-            at = entry.offset + entry.length;
-        }
-        Ok(())
-    })
+    write_atomically(path, |file| write_sections(file, &header, &table, &pieces))
+}
+
+/// Writes header, table and sections.
+pub(super) fn write_sections(
+    file: &mut impl Write,
+    header: &Header,
+    table: &[Entry],
+    pieces: &[&[u8]],
+) -> std::io::Result<()> {
+    file.write_all(bytemuck::bytes_of(header))?;
+    file.write_all(bytemuck::cast_slice(table))?;
+    let mut at = (size_of::<Header>() + size_of_val(table)) as u64;
+    for (entry, bytes) in table.iter().zip(pieces) {
+        let gap = (entry.offset - at) as usize;
+        file.write_all(&[0; ALIGNMENT as usize][..gap])?;
+        file.write_all(bytes)?;
+        at = entry.offset + entry.length;
+    }
+    Ok(())
+}
+
+/// The bytes of a section of a field.
+pub(super) fn section_bytes(kind: u32, field: &PackedField) -> &[u8] {
+    match kind {
+        SUBMESH_RANGES => field.submesh_ranges.bytes(),
+        NODE_RANGES => field.node_ranges.bytes(),
+        CELLS_BEFORE => field.cells_before.as_ref().map_or(&[], |c| c.bytes()),
+        VALUE_FRAMES => field.framed.as_ref().map_or(&[], |v| v.blocks.bytes()),
+        FRAMED_VALUES => field.framed.as_ref().map_or(&[], |v| v.bits.bytes()),
+        _ => field.values.bytes(),
+    }
 }
 
 fn encode_ids(ids: &Ids) -> Vec<u8> {

@@ -38,8 +38,8 @@ pub struct EncodeArgs {
     /// small, whose indices are shorter than that
     #[arg(long, visible_alias = "vertices-log2", value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(8..=32))]
     index_bits: u32,
-    /// Fields to bring along, separated by commas; NAME:0 or NAME:mag for one component, NAME:all
-    /// for each and the magnitude [default: all, vectors by magnitude]
+    /// Fields to bring along, separated by commas, vectors with each component and the magnitude;
+    /// NAME:0 or NAME:mag for one component or the magnitude alone [default: all]
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     fields: Option<Vec<String>>,
     /// The fields of all time steps, on the one mesh

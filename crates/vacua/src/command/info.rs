@@ -1,12 +1,12 @@
 //! `vacua info`: what is in a file.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Number, Value};
-use vacua_pack::file::PackedFile;
+use vacua_pack::file::{PackedFile, VectorComponent};
 use vacua_volume::{Bounds, CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
 
 use super::input::{InputArgs, Opened};
@@ -46,6 +46,9 @@ struct Info {
     fields: Vec<FieldInfo>,
     time_steps: usize,
     time_step: usize,
+    /// Times of the steps, where the file says them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    times: Vec<f64>,
     notes: Vec<String>,
 }
 
@@ -78,7 +81,7 @@ struct FieldInfo {
 /// Runs `vacua info`.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     if let Some(file) = packed::open(&args.input)? {
-        let info = describe_packed(&file, &args.input.files[0])?;
+        let info = describe_packed(&file, &args.input)?;
         return print(args, &info);
     }
     let opened = args.input.open()?;
@@ -95,26 +98,48 @@ fn print(args: &InfoArgs, info: &Info) -> Result<(), Failure> {
 }
 
 /// What a `.vacua` file says of itself, without a look at its cells or values.
-fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
+fn describe_packed(file: &PackedFile, input: &InputArgs) -> Result<Info, Failure> {
     let summary = file.summary()?;
-    let fields = summary.fields.iter().map(|field| FieldInfo {
-        name: field.entry.name.clone(),
-        association: field.entry.association.to_string(),
-        scalar_type: field.entry.scalar_type.name(),
-        components: 1,
-        range: range_json(field.range, field.entry.scalar_type),
-        step: field.entry.step.map(|s| s.number),
-        time: field.entry.step.map(|s| s.time),
+    let steps = file.steps()?;
+    // All fields of all steps, unless one step is asked for.
+    let (groups, time_step) = match input.time {
+        None => (file.groups()?, 0),
+        Some(_) => {
+            let step = packed::step(file, input)?;
+            let place = steps.iter().position(|s| Some(s.number) == step);
+            (file.groups_of(step)?, place.unwrap_or(0))
+        }
+    };
+    let fields = groups.iter().map(|group| {
+        let range_of = |place: usize| {
+            let range = summary.fields.get(place).and_then(|field| field.range);
+            range_json(range, group.scalar_type)
+        };
+        // As other formats list them: without the magnitude.
+        let of_components = group.parts.iter().filter_map(|&(part, place)| match part {
+            Some(VectorComponent::Index(_)) => Some(range_of(place)),
+            _ => None,
+        });
+        FieldInfo {
+            name: group.name.clone(),
+            association: group.association.to_string(),
+            scalar_type: group.scalar_type.name(),
+            components: group.components(),
+            range: match group.parts.as_slice() {
+                [(None, place)] => range_of(*place),
+                _ => Value::Array(of_components.collect()),
+            },
+            step: group.step.map(|s| s.number),
+            time: group.step.map(|s| s.time),
+        }
     });
-    let steps = summary.fields.iter().filter_map(|f| f.entry.step);
-    let num_steps = steps.map(|s| s.number as usize + 1).max();
     let bytes = summary.fields.iter().map(|field| field.bytes);
     let Bounds { lo, hi } = summary.bounds.unwrap_or(Bounds {
         lo: DVec3::ZERO,
         hi: DVec3::ZERO,
     });
     Ok(Info {
-        file: path.display().to_string(),
+        file: input.files[0].display().to_string(),
         kind: "unstructured",
         dimensions: None,
         points: Some(summary.num_vertices),
@@ -139,8 +164,9 @@ fn describe_packed(file: &PackedFile, path: &Path) -> Result<Info, Failure> {
             ),
         }),
         fields: fields.collect(),
-        time_steps: num_steps.unwrap_or(1),
-        time_step: 0,
+        time_steps: steps.len().max(1),
+        time_step,
+        times: steps.iter().map(|s| s.time).collect(),
         notes: Vec::new(),
     })
 }
@@ -189,6 +215,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
         fields,
         time_steps: opened.num_steps,
         time_step: opened.step,
+        times: dataset.times().to_vec(),
         notes: dataset.notes().to_vec(),
     })
 }
@@ -267,6 +294,10 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
             info.time_steps,
             info.time_steps - 1
         )?;
+        if !info.times.is_empty() {
+            let times: Vec<String> = info.times.iter().map(f64::to_string).collect();
+            writeln!(out, "  times {}", times.join(", "))?;
+        }
     }
     if info.fields.is_empty() {
         writeln!(out, "  no fields")?;
@@ -277,7 +308,15 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
         .map(|f| f.name.chars().count())
         .max()
         .unwrap_or(0);
-    for (i, field) in info.fields.iter().enumerate() {
+    let mut numbers = BTreeMap::new();
+    for field in &info.fields {
+        // Fields are counted within their time step.
+        let number = numbers.entry(field.step).or_insert(0usize);
+        let (i, step) = match (field.step, field.time) {
+            (Some(step), Some(time)) => (*number, format!("  step {step}, time {time}")),
+            _ => (*number, String::new()),
+        };
+        *number += 1;
         let several = if field.components > 1 {
             format!(" × {}", field.components)
         } else {
@@ -285,7 +324,7 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
         };
         writeln!(
             out,
-            "  #{i} {:widest$}  {} {}{several}  {}",
+            "  #{i} {:widest$}  {} {}{several}  {}{step}",
             field.name,
             field.association,
             field.scalar_type,

@@ -108,7 +108,8 @@ impl InputArgs {
         if let [alone] = steps.as_slice() {
             return self.open_steps_of(&alone.path, options);
         }
-        let step = choose(&steps, self.time.as_deref())?;
+        let times: Vec<Option<f64>> = steps.iter().map(|s| s.time).collect();
+        let step = choose(&times, self.time.as_deref())?;
         let path = steps[step].path.clone();
         let dataset = vacua_io::open_with(&path, &options)?;
         Ok(Opened::new(dataset, path, steps.len(), step))
@@ -144,19 +145,12 @@ impl InputArgs {
             [] => vec![None],
             times => times.iter().copied().map(Some).collect(),
         };
-        let steps: Vec<Step> = times
-            .into_iter()
-            .map(|time| Step {
-                path: path.to_owned(),
-                time,
-            })
-            .collect();
-        let step = choose(&steps, self.time.as_deref())?;
+        let step = choose(&times, self.time.as_deref())?;
         if step != dataset.step() {
             let step = Some(step);
             dataset = vacua_io::open_with(path, &ReadOptions { step, ..options })?;
         }
-        Ok(Opened::new(dataset, path.to_owned(), steps.len(), step))
+        Ok(Opened::new(dataset, path.to_owned(), times.len(), step))
     }
 }
 
@@ -255,9 +249,11 @@ fn series(file: &Path) -> Result<Vec<Step>, Failure> {
         .collect())
 }
 
-/// Which step `--time` means. In a series with times, a number that is a time means that time; a
-/// whole number that is none is counted from 0.
-fn choose(steps: &[Step], time: Option<&str>) -> Result<usize, Failure> {
+/// Which step `--time` means, among the times of all. In a series with times, a number that is a time
+/// means that time; a whole number that is none is counted from 0.
+pub fn choose(steps: &[Option<f64>], time: Option<&str>) -> Result<usize, Failure> {
+    /// Times up to which an error lists them all.
+    const LISTED: usize = 20;
     let Some(text) = time else {
         return Ok(0);
     };
@@ -265,15 +261,19 @@ fn choose(steps: &[Step], time: Option<&str>) -> Result<usize, Failure> {
         .trim()
         .parse()
         .map_err(|_| Wrong(format!("--time {text}: expected a step number or a time")))?;
-    if let Some(step) = steps.iter().position(|s| s.time == Some(value)) {
+    if let Some(step) = steps.iter().position(|&time| time == Some(value)) {
         return Ok(step);
     }
     let as_index = text.trim().parse::<usize>().ok();
     if let Some(step) = as_index.filter(|&n| n < steps.len()) {
         return Ok(step);
     }
-    let times: Vec<f64> = steps.iter().filter_map(|s| s.time).collect();
+    let times: Vec<f64> = steps.iter().copied().flatten().collect();
     let times = match (times.first(), times.last()) {
+        (Some(first), Some(last)) if times.len() <= LISTED => {
+            let all: Vec<String> = times.iter().map(f64::to_string).collect();
+            format!(", at times {first} to {last} ({})", all.join(", "))
+        }
         (Some(first), Some(last)) => format!(", at times {first} to {last}"),
         _ => ", without times".to_owned(),
     };
@@ -299,18 +299,14 @@ mod tests {
 
     #[test]
     fn steps_by_number_and_time() {
-        let step = |time| Step {
-            path: PathBuf::from("x"),
-            time,
-        };
-        let plain = [step(None), step(None)];
+        let plain = [None, None];
         assert_eq!(choose(&plain, None).ok(), Some(0));
         assert_eq!(choose(&plain, Some("1")).ok(), Some(1));
         let message = choose(&plain, Some("2")).unwrap_err().to_string();
         assert!(message.contains("steps 0 to 1, without times"), "{message}");
         assert!(choose(&plain, Some("x")).unwrap_err().is_usage());
 
-        let timed = [step(Some(1.0)), step(Some(0.5)), step(Some(2.5))];
+        let timed = [Some(1.0), Some(0.5), Some(2.5)];
         assert_eq!(choose(&timed, Some("2.5")).ok(), Some(2));
         assert_eq!(choose(&timed, Some("1")).ok(), Some(0));
         assert_eq!(choose(&timed, Some("2")).ok(), Some(2));

@@ -1,7 +1,5 @@
 //! `.vacua` files among the inputs: what is in one, what it takes by part, and its values at points.
 
-use std::path::Path;
-
 use serde::Serialize;
 use serde_json::{Map, Value};
 use vacua_io::Source;
@@ -9,9 +7,9 @@ use vacua_pack::file::{PackedFile, is_packed};
 use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError, Variant};
 use vacua_volume::{CellType, FieldChoice};
 
+use super::Failure;
 use super::choice::FieldArgs;
-use super::input::InputArgs;
-use super::{Failure, Wrong};
+use super::input::{InputArgs, choose};
 
 /// Opens the input as a `.vacua` file, if it is one.
 pub fn open(input: &InputArgs) -> Result<Option<PackedFile>, Failure> {
@@ -213,14 +211,28 @@ pub fn bytes_text(bytes: u64) -> String {
     }
 }
 
-/// A field of a `.vacua` file; a lone one needs no choice.
-pub fn volume(file: &PackedFile, path: &Path, field: &FieldArgs) -> Result<PackedVolume, Failure> {
-    if field.component.is_some() {
-        return Err(Wrong("--component: packed fields have one component".to_owned()).into());
-    }
+/// The number of the time step that `--time` means; the first without. `None` in a file without steps.
+pub fn step(file: &PackedFile, input: &InputArgs) -> Result<Option<u32>, Failure> {
+    let steps = file.steps()?;
+    let times: Vec<Option<f64>> = match steps.as_slice() {
+        [] => vec![None],
+        steps => steps.iter().map(|s| Some(s.time)).collect(),
+    };
+    let chosen = choose(&times, input.time.as_deref())?;
+    Ok(steps.get(chosen).map(|s| s.number))
+}
+
+/// A field of a `.vacua` file, of the chosen time step; a lone one needs no choice.
+pub fn volume(
+    file: &PackedFile,
+    input: &InputArgs,
+    field: &FieldArgs,
+) -> Result<PackedVolume, Failure> {
+    let step = step(file, input)?;
     let choice = field.field.as_ref().unwrap_or(&FieldChoice::Only);
-    PackedVolume::open(file, choice).map_err(|error| match error {
-        PackedVolumeError::Choice(error) => Failure::contents(path, error),
+    let component = field.component.unwrap_or_default();
+    PackedVolume::open_part(file, step, choice, component).map_err(|error| match error {
         PackedVolumeError::Io(error) => error.into(),
+        error => Failure::contents(&input.files[0], error),
     })
 }

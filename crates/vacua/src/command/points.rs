@@ -2,12 +2,13 @@
 //!
 //! In: columns `x`, `y`, `z` by name, in any order and among others; or three columns without a
 //! header. Out: `x,y,z,inside,value`, one line a point in order, numbers printed so that they read
-//! back the same.
+//! back the same; at a level of detail `bound` after that.
 
 use std::io::{Read, Write};
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 use glam::DVec3;
+use vacua_pack::Estimate;
 
 /// Why points could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -109,17 +110,53 @@ impl<R: Read> PointReader<R> {
     }
 }
 
-/// Writes the header of the result.
-pub fn write_header(out: &mut impl Write) -> std::io::Result<()> {
-    writeln!(out, "x,y,z,inside,value")
+/// What the result says of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Columns {
+    /// Its value.
+    Values,
+    /// Its value, and how far the exact one may be.
+    Bounds,
 }
 
-/// Writes one line of the result; `None` is outside.
-pub fn write_value(out: &mut impl Write, point: DVec3, value: Option<f64>) -> std::io::Result<()> {
+/// Writes the header of the result.
+pub fn write_header(out: &mut impl Write, columns: Columns) -> std::io::Result<()> {
+    match columns {
+        Columns::Values => writeln!(out, "x,y,z,inside,value"),
+        Columns::Bounds => writeln!(out, "x,y,z,inside,value,bound"),
+    }
+}
+
+fn write_point(out: &mut impl Write, point: DVec3) -> std::io::Result<()> {
     for c in point.to_array() {
         write_number(out, c)?;
         out.write_all(b",")?;
     }
+    Ok(())
+}
+
+/// Writes one line of the result with a bound; `None` is outside.
+pub fn write_estimate(
+    out: &mut impl Write,
+    point: DVec3,
+    estimate: Option<Estimate>,
+) -> std::io::Result<()> {
+    write_point(out, point)?;
+    match estimate {
+        Some(estimate) => {
+            out.write_all(b"1,")?;
+            write_number(out, estimate.value)?;
+            out.write_all(b",")?;
+            write_number(out, estimate.bound)?;
+            out.write_all(b"\n")
+        }
+        None => out.write_all(b"0,,\n"),
+    }
+}
+
+/// Writes one line of the result; `None` is outside.
+pub fn write_value(out: &mut impl Write, point: DVec3, value: Option<f64>) -> std::io::Result<()> {
+    write_point(out, point)?;
     match value {
         Some(value) => {
             out.write_all(b"1,")?;

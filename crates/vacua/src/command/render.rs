@@ -7,10 +7,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use vacua::{
-    Backend, Camera, ClipPlane, Device, Integrator, Overlay, RenderSettings, Shading, SkipMethod,
+    Backend, Camera, ClipPlane, Detail, Device, Integrator, Overlay, RenderSettings, Shading,
+    SkipMethod,
 };
 use vacua_io::picture::{Picture, PictureFormat, write_picture};
-use vacua_render::{Jitter, Renderer as _, Rendering, Scene, SceneData};
+use vacua_render::{Jitter, Progressive, Renderer as _, Rendering, Scene, SceneData};
 use vacua_volume::Bounds;
 
 use self::report::Report;
@@ -98,6 +99,14 @@ struct MethodArgs {
     /// Distance between samples, in cells
     #[arg(long, value_name = "S", value_parser = values::positive, default_value = "0.5")]
     step: f64,
+    /// What is taken for the values of a mesh: submesh, multileaf, leaf (what boxes of that level say of
+    /// what is in them: coarse and fast, with a bound on the error in --json) or exact
+    #[arg(long, value_name = "LEVEL", value_parser = values::detail, default_value = "exact")]
+    lod: Detail,
+    /// Write the picture as it becomes better: of a mesh coarse levels of detail first, then exact
+    /// frames one by one
+    #[arg(long, conflicts_with = "repeat")]
+    progressive: bool,
     /// Rays a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16), default_value = "1")]
     spp: u32,
@@ -168,6 +177,7 @@ impl MethodArgs {
             width,
             height,
             step: self.step,
+            detail: self.lod,
             integrator: match self.integrator {
                 IntegratorChoice::March => Integrator::March,
                 IntegratorChoice::Mip => Integrator::MaximumIntensity,
@@ -241,7 +251,7 @@ fn camera(choice: CameraChoice, bounds: Bounds) -> Result<Camera, Failure> {
 fn open(args: &RenderArgs) -> Result<(PathBuf, SceneData), Failure> {
     if let Some(file) = packed::open(&args.input)? {
         let path = args.input.files[0].clone();
-        let read = || packed::volume(&file, &path, &args.field);
+        let read = || packed::volume(&file, &args.input, &args.field);
         let volume = output::during("checking the encoded mesh", read)?;
         return Ok((path, volume.into()));
     }
@@ -286,12 +296,25 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     let mut renderer =
         Backend::new(args.method.device, threads).map_err(|e| Failure::Other(Box::new(e)))?;
+    let early = if args.method.progressive {
+        Some(render_progressively(
+            args,
+            &mut renderer,
+            &scene,
+            &settings,
+        )?)
+    } else {
+        None
+    };
     let mut render = |settings: &RenderSettings| {
         renderer
             .render(&scene, settings)
             .map_err(|e| Failure::Other(Box::new(e)))
     };
-    let first = output::during("rendering", || render(&settings))?;
+    let first = match early {
+        Some(last) => last,
+        None => output::during("rendering", || render(&settings))?,
+    };
     let mut frame_secs = Vec::new();
     for _ in 0..args.method.repeat.unwrap_or(0) {
         frame_secs.push(
@@ -328,12 +351,51 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         );
     }
     if args.json {
-        let report = Report::new(
+        let mut report = Report::new(
             args, &renderer, &path, &scene, &first, load_secs, frame_secs, empty,
         );
+        report.lod.largest_bound = largest_bound(args, &renderer)?;
         output::print_json(&report)?;
     }
     Ok(())
+}
+
+/// How far the values of the picture may be from the exact ones.
+fn largest_bound(args: &RenderArgs, renderer: &Backend) -> Result<Option<f64>, Failure> {
+    match (args.method.lod, renderer.cpu()) {
+        (Detail::Level(level), Some(cpu)) => {
+            let bound =
+                output::during("looking for the largest error", || cpu.largest_bound(level));
+            bound.map_err(|e| Failure::Other(Box::new(e)))
+        }
+        _ => Ok(None),
+    }
+}
+
+/// Renders a picture that is written each time it has become better; gives the last.
+fn render_progressively(
+    args: &RenderArgs,
+    renderer: &mut Backend,
+    scene: &Scene,
+    settings: &RenderSettings,
+) -> Result<Rendering, Failure> {
+    let mut pictures = Progressive::new(renderer, scene, settings.clone());
+    loop {
+        let rendered = output::during("rendering", || pictures.next());
+        let rendering = match rendered {
+            Some(rendered) => rendered.map_err(|e| Failure::Other(Box::new(e)))?,
+            None => return Err(Failure::plain("no picture".to_owned())),
+        };
+        if pictures.remaining() == 0 {
+            return Ok(rendering);
+        }
+        write(args, &rendering)?;
+        tracing::info!(
+            secs = rendering.report.frame_secs,
+            remaining = pictures.remaining(),
+            "a picture"
+        );
+    }
 }
 
 fn write(args: &RenderArgs, rendering: &Rendering) -> Result<(), Failure> {

@@ -6,15 +6,17 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use rayon::prelude::*;
+use vacua::Detail;
 use vacua_io::write_atomically;
-use vacua_pack::PackedVolume;
+use vacua_pack::{DetailLevel, Estimate, PackedVolume};
 use vacua_render::VolumeSampler;
 
 use super::Failure;
 use super::choice::FieldArgs;
 use super::input::InputArgs;
 use super::packed;
-use super::points::{PointReader, write_header, write_value};
+use super::points::{Columns, PointReader, write_estimate, write_header, write_value};
+use super::{Wrong, values};
 
 /// Points that are sampled at once.
 const CHUNK: usize = 1 << 16;
@@ -29,6 +31,10 @@ pub struct SampleArgs {
     /// Where: CSV with columns x, y, z; `-` for standard input
     #[arg(long, value_name = "P.csv")]
     points: PathBuf,
+    /// What is taken for the values of an encoded mesh: submesh, multileaf, leaf (a further column then
+    /// says how far the exact value may be) or exact
+    #[arg(long, value_name = "LEVEL", value_parser = values::detail, default_value = "exact")]
+    lod: Detail,
     /// The values as CSV [default: standard output]
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
@@ -66,13 +72,33 @@ enum Sampler {
     Volume(VolumeSampler),
     /// A `.vacua` file.
     Packed(Box<PackedVolume>),
+    /// The same at a level of detail.
+    Estimates(Box<PackedVolume>, DetailLevel),
+}
+
+/// What is said of the points of a piece.
+enum Sampled {
+    /// Values.
+    Values(Vec<Option<f64>>),
+    /// Values and their bounds.
+    Estimates(Vec<Option<Estimate>>),
 }
 
 impl Sampler {
     fn open(args: &SampleArgs) -> Result<Self, Failure> {
         if let Some(file) = packed::open(&args.input)? {
-            let volume = packed::volume(&file, &args.input.files[0], &args.field)?;
-            return Ok(Self::Packed(Box::new(volume)));
+            let volume = packed::volume(&file, &args.input, &args.field)?;
+            return Ok(match args.lod {
+                Detail::Exact => Self::Packed(Box::new(volume)),
+                Detail::Level(level) => Self::Estimates(Box::new(volume), level),
+            });
+        }
+        if args.lod != Detail::Exact {
+            return Err(Wrong(format!(
+                "--lod {}: only encoded meshes have levels of detail (vacua encode makes one)",
+                args.lod.name()
+            ))
+            .into());
         }
         let opened = args.input.open()?;
         let volume = args.field.volume(&opened)?;
@@ -81,10 +107,22 @@ impl Sampler {
             .map_err(|e| Failure::contents(&opened.path, e))
     }
 
-    fn at(&self, points: &[DVec3]) -> Vec<Option<f64>> {
+    fn at(&self, points: &[DVec3]) -> Sampled {
         match self {
-            Self::Volume(sampler) => points.par_iter().map(|&p| sampler.sample(p)).collect(),
-            Self::Packed(values) => values.values_at(points),
+            Self::Volume(sampler) => {
+                Sampled::Values(points.par_iter().map(|&p| sampler.sample(p)).collect())
+            }
+            Self::Packed(values) => Sampled::Values(values.values_at(points)),
+            Self::Estimates(values, level) => {
+                Sampled::Estimates(values.estimates_at(*level, points))
+            }
+        }
+    }
+
+    fn columns(&self) -> Columns {
+        match self {
+            Self::Estimates(..) => Columns::Bounds,
+            _ => Columns::Values,
         }
     }
 }
@@ -107,15 +145,23 @@ fn sample(
 ) -> Result<(), Failure> {
     let io = |e: std::io::Error| Failure::plain(format!("cannot write values: {e}"));
     let mut reader = PointReader::new(points).map_err(|e| Failure::contents(path, e))?;
-    write_header(out).map_err(io)?;
+    write_header(out, sampler.columns()).map_err(io)?;
     loop {
         let points = reader.read(CHUNK).map_err(|e| Failure::contents(path, e))?;
         if points.is_empty() {
             return out.flush().map_err(io);
         }
-        let values = sampler.at(&points);
-        for (point, value) in points.iter().zip(values) {
-            write_value(out, *point, value).map_err(io)?;
+        match sampler.at(&points) {
+            Sampled::Values(values) => {
+                for (point, value) in points.iter().zip(values) {
+                    write_value(out, *point, value).map_err(io)?;
+                }
+            }
+            Sampled::Estimates(estimates) => {
+                for (point, estimate) in points.iter().zip(estimates) {
+                    write_estimate(out, *point, estimate).map_err(io)?;
+                }
+            }
         }
     }
 }

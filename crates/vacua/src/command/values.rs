@@ -4,6 +4,7 @@
 use std::str::FromStr;
 
 use glam::DVec3;
+use vacua_pack::DetailLevel;
 use vacua_volume::{OpacityPoint, ValueRange};
 
 /// Why the text of a flag was not understood.
@@ -157,6 +158,15 @@ pub fn num_bytes(text: &str) -> Result<u64, ValueError> {
         _ => return Err(expected()),
     };
     Ok((value * base.powi(power)) as u64)
+}
+
+/// A level of detail, or `exact`.
+pub fn detail(text: &str) -> Result<vacua::Detail, ValueError> {
+    use vacua::Detail;
+    let levels = DetailLevel::ALL.map(Detail::Level);
+    let mut all = levels.into_iter().chain([Detail::Exact]);
+    all.find(|detail| detail.name() == text)
+        .ok_or_else(|| wrong("submesh, multileaf, leaf or exact", text))
 }
 
 /// A component by number, or `mag`.

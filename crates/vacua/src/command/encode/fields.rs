@@ -1,13 +1,20 @@
 //! Which fields are encoded, of which time steps.
 
-use vacua_pack::file::{FieldInput, FieldStep};
-use vacua_volume::{ComponentChoice, Dataset, FieldChoice, UnstructuredMesh};
+use vacua_pack::file::{FieldInput, FieldLabel, FieldStep, VectorComponent, VectorPart};
+use vacua_volume::{ComponentChoice, Dataset, Field, FieldChoice, UnstructuredMesh};
 
 use super::super::input::{InputArgs, Opened};
 use super::super::{Failure, Wrong, output, values};
 
-/// A field to be packed: its name there, which it is, and which component.
-type Choice = (String, FieldChoice, ComponentChoice);
+/// A field to be packed.
+struct Choice {
+    /// Its name there.
+    name: String,
+    field: FieldChoice,
+    component: ComponentChoice,
+    /// What it is a part of, if all parts are packed.
+    vector: Option<VectorPart>,
+}
 
 /// Loads the fields that are asked for of the step that is open; all of them without a wish.
 pub fn load(
@@ -17,17 +24,21 @@ pub fn load(
 ) -> Result<Vec<FieldInput>, Failure> {
     let dataset = &opened.dataset;
     let mut fields = Vec::new();
-    for (name, choice, component) in choices(dataset, wanted, step.is_none_or(|s| s.number == 0))? {
+    for choice in choices(dataset, wanted)? {
+        let name = choice.name;
         let volume = output::during(&format!("reading field `{name}`"), || {
             dataset
-                .volume(&choice, component)
+                .volume(&choice.field, choice.component)
                 .map_err(|e| Failure::contents(&opened.path, e))
         })?;
         fields.push(FieldInput {
             name,
             association: volume.association(),
             values: volume.scalars().clone(),
-            step,
+            label: FieldLabel {
+                step,
+                vector: choice.vector,
+            },
         });
     }
     Ok(fields)
@@ -65,24 +76,38 @@ pub fn load_all_steps(
     Ok(fields)
 }
 
-fn choices(
-    dataset: &Dataset,
-    wanted: Option<&[String]>,
-    with_notes: bool,
-) -> Result<Vec<Choice>, Failure> {
+/// A field whole: the lone component, or the magnitude and each of several.
+fn whole(field: &Field, choice: &FieldChoice) -> Vec<Choice> {
+    let name = field.name();
+    let part = |name: String, component, vector| Choice {
+        name,
+        field: choice.clone(),
+        component,
+        vector,
+    };
+    if field.components() == 1 {
+        return vec![part(name.to_owned(), ComponentChoice::Auto, None)];
+    }
+    let of = |component| {
+        let name = name.to_owned();
+        Some(VectorPart { name, component })
+    };
+    let magnitude = of(VectorComponent::Magnitude);
+    let magnitude = part(name.to_owned(), ComponentChoice::Magnitude, magnitude);
+    let each = (0..field.components()).map(|i| {
+        let vector = of(VectorComponent::Index(i as u32));
+        part(format!("{name}:{i}"), ComponentChoice::Index(i), vector)
+    });
+    std::iter::once(magnitude).chain(each).collect()
+}
+
+/// What is packed; all fields whole without a wish.
+fn choices(dataset: &Dataset, wanted: Option<&[String]>) -> Result<Vec<Choice>, Failure> {
     let Some(wanted) = wanted else {
-        let all = dataset.fields().iter().enumerate().map(|(i, field)| {
-            let component = ComponentChoice::Auto;
-            if field.components() > 1 && with_notes {
-                let name = field.name();
-                eprintln!(
-                    "note: field `{name}` has {} components; its magnitude is packed (--fields {name}:0 packs the first, {name}:all each and the magnitude)",
-                    field.components()
-                );
-            }
-            (field.name().to_owned(), FieldChoice::Index(i), component)
-        });
-        return Ok(all.collect());
+        let all = dataset.fields().iter().enumerate();
+        return Ok(all
+            .flat_map(|(i, field)| whole(field, &FieldChoice::Index(i)))
+            .collect());
     };
     let mut found = Vec::new();
     for text in wanted.iter().filter(|text| !text.is_empty()) {
@@ -96,19 +121,16 @@ fn choices(
             .field(&choice)
             .map_err(|e| Failure::Other(Box::new(e)))?;
         match component {
-            None => found.push((text.clone(), choice, ComponentChoice::Auto)),
-            Some("all") => {
-                found.push((name.to_owned(), choice.clone(), ComponentChoice::Auto));
-                let each = 0..field.components();
-                found.extend(each.map(|i| {
-                    let component = ComponentChoice::Index(i);
-                    (format!("{name}:{i}"), choice.clone(), component)
-                }));
-            }
+            None | Some("all") => found.extend(whole(field, &choice)),
             Some(component) => {
                 let component = values::component(component)
                     .map_err(|e| Wrong(format!("--fields {text}: {e}, or `all`")))?;
-                found.push((text.clone(), choice, component));
+                found.push(Choice {
+                    name: text.clone(),
+                    field: choice,
+                    component,
+                    vector: None,
+                });
             }
         }
     }

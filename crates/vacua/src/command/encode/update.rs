@@ -4,8 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
-use vacua_pack::PackedField;
-use vacua_pack::file::{FieldStep, PackedFile, write_file_with};
+use vacua_pack::file::{PackedFile, UpdateError};
 
 use super::super::packed::bytes_text;
 use super::super::{Failure, output};
@@ -51,61 +50,30 @@ pub fn run(args: &EncodeArgs, target: &Path) -> Result<(), Failure> {
     let file = PackedFile::open(target)?;
     let packed = file.mesh()?;
     let load = start.elapsed().as_secs_f64();
-    let start = Instant::now();
-    let map = file.map(&packed)?.ok_or_else(|| {
-        Failure::plain(format!(
-            "{}: written without the map from packed to original order; encode the mesh again with --keep-map",
-            target.display()
-        ))
-    })?;
-    let map_secs = start.elapsed().as_secs_f64();
-    let start = Instant::now();
-    let mut new: Vec<(PackedField, Option<FieldStep>)> = Vec::new();
-    let mut values = 0;
-    for input in &inputs {
-        let name = &input.name;
-        let field = PackedField::pack(&packed, &map, name, input.association, &input.values);
-        new.push((field.map_err(|e| Failure::contents(target, e))?, input.step));
-        values += input.values.tuples() as u64;
-    }
-    let pack = start.elapsed().as_secs_f64();
-    let start = Instant::now();
-    let mut all = Vec::new();
-    let (mut swapped, mut kept) = (Vec::new(), Vec::new());
-    for (place, entry) in file.fields()?.into_iter().enumerate() {
-        let same = |(field, step): &(PackedField, Option<FieldStep>)| {
-            field.name() == entry.name && step.map(|s| s.number) == entry.step.map(|s| s.number)
-        };
-        match new.iter().position(same) {
-            Some(found) => {
-                all.push(new.remove(found));
-                swapped.push(entry.name);
-            }
-            None => {
-                all.push((file.field(&packed, place)?, entry.step));
-                kept.push(entry.name);
-            }
-        }
-    }
-    let added = new.iter().map(|(f, _)| f.name().to_owned()).collect();
-    all.extend(new);
     let out = args.output.as_deref().unwrap_or(target);
-    output::during("writing", || {
-        write_file_with(out, &packed, Some(&map), &all)
+    let updated = output::during("updating", || file.update(out, &packed, &inputs));
+    let updated = updated.map_err(|error| match error {
+        UpdateError::Io(error) => error.into(),
+        UpdateError::NoMap => Failure::plain(format!(
+            "{}: {error}; encode the mesh again with --keep-map",
+            target.display()
+        )),
+        error => Failure::contents(target, error),
     })?;
     let report = Report {
         file: opened.path.display().to_string(),
         output: out.display().to_string(),
-        added,
-        swapped,
-        kept,
-        values,
-        values_a_sec: values as f64 / (map_secs + pack).max(f64::MIN_POSITIVE),
+        values_a_sec: updated.num_values as f64
+            / (updated.map_secs + updated.pack_secs).max(f64::MIN_POSITIVE),
+        added: updated.added,
+        swapped: updated.swapped,
+        kept: updated.kept,
+        values: updated.num_values,
         secs: Secs {
             load,
-            map: map_secs,
-            pack,
-            write: start.elapsed().as_secs_f64(),
+            map: updated.map_secs,
+            pack: updated.pack_secs,
+            write: updated.write_secs,
         },
         file_bytes: std::fs::metadata(out).map_or(0, |m| m.len()),
         peak_bytes: output::peak_bytes(),

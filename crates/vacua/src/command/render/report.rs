@@ -27,6 +27,7 @@ pub struct Report {
     /// Samples evaluated for one frame.
     samples: u64,
     skip: Skip,
+    pub lod: Lod,
     /// `cpu`, or `gpu:N` and the name of the device.
     device: String,
     /// Why the CPU renders, if a GPU was looked for.
@@ -64,6 +65,15 @@ struct Skip {
     macrocell: usize,
     macrocells: usize,
     active: usize,
+}
+
+/// What was taken for the values.
+#[derive(Serialize)]
+pub struct Lod {
+    level: &'static str,
+    /// No value of the picture is farther from the exact one than this, in units of the data; null if
+    /// values are exact.
+    pub largest_bound: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -122,6 +132,10 @@ impl Report {
                 macrocell: report.macrocell_side,
                 macrocells: report.num_macrocells,
                 active: report.num_active,
+            },
+            lod: Lod {
+                level: args.method.lod.name(),
+                largest_bound: None,
             },
             device: renderer.name(),
             device_reason: renderer.reason().map(str::to_owned),
