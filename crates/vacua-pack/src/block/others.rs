@@ -131,7 +131,7 @@ impl OtherBatch {
             corners: [[S::F::splat(0.0); 3]; MAX_CORNERS],
             values: [S::F::splat(0.0); MAX_CORNERS],
         };
-        let at_corners = self.values_at_corners(submesh, values);
+        let at_corners = self.values_at_corners::<S>(submesh, values);
         for k in 0..MAX_CORNERS {
             cells.corners[k] = S::gather_points(submesh.positions, &self.corners[k]);
             cells.values[k] = S::F::from_array(at_corners[k]);
@@ -185,11 +185,20 @@ impl OtherBatch {
 
     /// Values at the corners of all cells.
     #[inline(always)]
-    fn values_at_corners(&self, submesh: &Submesh, values: &Values) -> [[f32; LANES]; MAX_CORNERS] {
+    fn values_at_corners<S: Simd>(
+        &self,
+        submesh: &Submesh,
+        values: &Values,
+    ) -> [[f32; LANES]; MAX_CORNERS] {
         let mut at_corners = [[0.0; LANES]; MAX_CORNERS];
         match values {
             Values::Points(values) => {
-                values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+                values.at_vertices::<S, _, _>(
+                    submesh.header,
+                    &self.corners,
+                    self.len,
+                    &mut at_corners,
+                );
             }
             Values::Cluster(values) => {
                 values.at_corners(&self.corners, self.len, &mut at_corners);

@@ -219,7 +219,12 @@ impl TetBatch {
         let mut at_corners = [[0.0; SLOTS]; TET_INDICES];
         match values {
             Values::Points(values) => {
-                values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+                values.at_vertices::<S, _, _>(
+                    submesh.header,
+                    &self.corners,
+                    self.len,
+                    &mut at_corners,
+                );
             }
             Values::Cluster(values) => {
                 values.at_corners(&self.corners, self.len, &mut at_corners);
