@@ -24,7 +24,9 @@ mod others;
 mod packets;
 mod scattered;
 mod tets;
+mod trials;
 mod values;
+mod verdict;
 mod walk;
 
 use vacua_simd::{Kernel, LANES, Level, Simd, WideMap, dispatch_at};

@@ -4,9 +4,10 @@
 use vacua_simd::{Float, Kernel, LANES, Level, Mask, Simd, dispatch_at, per_axis};
 use vacua_volume::{Association, CellType};
 
-use super::others::{judge, scalar_weights};
+use super::others::scalar_weights;
 use super::tets::{cross, dot, is_round};
 use super::values::Values;
+use super::verdict::judge;
 use super::{BlockSampler, Located, MAX_CORNERS, Places};
 use crate::element::gradient_at;
 use crate::layout::{OTHER_INDICES, PAIR_INDICES, TET_INDICES};

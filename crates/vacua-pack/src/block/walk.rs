@@ -219,17 +219,18 @@ impl BlockSampler<'_> {
                     && others.has_room(leaf)
                 {
                     tets.add(leaf);
-                    others.add(submesh, leaf);
+                    others.add(leaf);
                     next += 1;
                 }
                 let is_full = next < leaves.len;
                 if is_full || is_last {
+                    let is_far = order == Order::Scattered;
                     if tets.len > 0 {
-                        self.test_tets::<S>(
-                            number, submesh, &values, order, tets, packets, in_leaf,
-                        );
+                        tets.read(submesh, self.frames[number].rounding, &values, is_far);
+                        self.test_tets::<S>(submesh, &values, tets, packets, in_leaf);
                     }
                     if others.len > 0 {
+                        others.read(submesh, &values, is_far);
                         others.test::<S>(submesh, &values, packets, in_leaf);
                         others.clear();
                     }
@@ -244,20 +245,17 @@ impl BlockSampler<'_> {
         }
     }
 
+    /// Tries places on tetrahedra that have been read, and forgets those.
     #[inline(always)]
     pub(super) fn test_tets<S: Simd>(
         &self,
-        number: usize,
         submesh: &Submesh,
         values: &Values,
-        order: Order,
         tets: &mut TetBatch,
         packets: &mut Packets,
         in_leaf: &mut InLeaf,
     ) {
-        let rounding = self.frames[number].rounding;
-        let is_far = order == Order::Scattered;
-        tets.set_up::<S>(submesh, self.scale, rounding, values, is_far);
+        tets.set_up::<S>(submesh, self.scale, values);
         tets.test::<S>(submesh, self.scale, packets, in_leaf);
         tets.clear();
     }
