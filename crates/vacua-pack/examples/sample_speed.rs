@@ -1,18 +1,26 @@
 //! Samples a second from the packed form, in the order of a picture's rays, along a Morton curve and at
 //! random, of the benchmark scenes:
-//! `cargo run --release -p vacua-pack --example sample_speed -- tet 100 [shuffled]`, or `hex 150`.
+//! `cargo run --release -p vacua-pack --example sample_speed -- tet 100 [shuffled] [batch=131072]`, or
+//! `hex 150`, or the first field of `FILE.vacua`, a cube from the origin on. Places at random are
+//! asked for so many at a time, and once all together.
 #![allow(clippy::print_stdout, reason = "it is what this program is for")]
 
+use std::path::Path;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use vacua_pack::{BlockSampler, EncodeOptions, Order, PackedField, Places, Sampled, encode};
+use vacua_pack::file::PackedFile;
+use vacua_pack::{
+    BlockSampler, EncodeOptions, Order, PackedField, PackedMesh, Places, Sampled, encode,
+};
 use vacua_synth::meshes;
 use vacua_volume::{Association, CellType, DataArray, UnstructuredMesh};
 
 const LANES: usize = 16;
-/// Vectors that are timed together.
+/// Vectors that are timed together where they lie close together.
 const CHUNK: usize = 128;
+/// Places at random.
+const RANDOM: usize = 1 << 20;
 /// Runs, of which the best counts.
 const RUNS: usize = 9;
 
@@ -104,7 +112,7 @@ fn ray_samples(n: f32) -> Samples {
     for tile in (0..tiles * tiles).step_by(EVERY) {
         for block in -2 * half..2 * half {
             for vector in 0..64 {
-                let (group, quarter) = (vector / 4, vector % 4);
+                let (group, quarter) = (vector % 16, vector / 16);
                 let place = |lane: usize| {
                     let (ray, k) = (lane / 4, quarter * 4 + lane % 4);
                     let x = tile % tiles * 8 + group % 4 * 2 + ray % 2;
@@ -146,10 +154,35 @@ fn random_samples(n: f32, count: usize, is_sorted: bool) -> Samples {
     samples
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arguments: Vec<String> = std::env::args().collect();
-    let kind = arguments.get(1).map_or("tet", String::as_str);
-    let n: usize = arguments.get(2).map_or(Ok(100), |n| n.parse())?;
+/// Seconds that this thread has had of a core, which other processes hardly change.
+fn core_secs() -> f64 {
+    #[cfg(unix)]
+    {
+        use rustix::time::{ClockId, clock_gettime};
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+    }
+    #[cfg(not(unix))]
+    {
+        use std::sync::LazyLock;
+        static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+        START.elapsed().as_secs_f64()
+    }
+}
+
+/// A mesh with a field, from a file or made here, and its side.
+fn packed(
+    arguments: &[String],
+) -> Result<(PackedMesh, PackedField, f32), Box<dyn std::error::Error>> {
+    let kind = arguments.first().map_or("tet", String::as_str);
+    if kind.ends_with(".vacua") {
+        let file = PackedFile::open(Path::new(kind))?;
+        let mesh = file.mesh()?;
+        let field = file.field(&mesh, 0)?;
+        let side = mesh.bounds().ok_or("no cells")?.hi.x as f32;
+        return Ok((mesh, field, side));
+    }
+    let n: usize = arguments.get(1).map_or(Ok(100), |n| n.parse())?;
     let shuffled = arguments.iter().any(|a| a == "shuffled");
     let (mesh, values) = match kind {
         "hex" => build(meshes::hexahedra(n, 2)?, CellType::Hexahedron, shuffled)?,
@@ -169,28 +202,38 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (encoded.mesh.bytes().total() + field.bytes().ranges) as f64 / mesh.num_cells() as f64,
         start.elapsed().as_secs_f64()
     );
-    let sampler = BlockSampler::new(&encoded.mesh, &field, None);
-    let side = n as f32;
+    Ok((encoded.mesh, field, n as f32))
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (mesh, field, side) = packed(&arguments)?;
+    let batch = arguments.iter().find_map(|a| a.strip_prefix("batch="));
+    let batch: usize = batch.map_or(Ok(1 << 17), str::parse)?;
+    let only = arguments.iter().find_map(|a| a.strip_prefix("only="));
+    let sampler = BlockSampler::new(&mesh, &field, None);
+    let random = random_samples(side, RANDOM / LANES, false);
     let orders = [
-        ("rays", Order::Compact, ray_samples(side)),
+        ("rays", Order::Compact, CHUNK, &ray_samples(side)),
         (
             "Morton",
             Order::Compact,
-            random_samples(side, 100_000, true),
+            CHUNK,
+            &random_samples(side, 100_000, true),
         ),
-        (
-            "random",
-            Order::Scattered,
-            random_samples(side, 20_000, false),
-        ),
+        ("random", Order::Scattered, batch.div_ceil(LANES), &random),
+        ("random, all", Order::Scattered, RANDOM / LANES, &random),
     ];
-    for (name, order, samples) in orders {
-        // The best of several runs, chunk by chunk: what a core does that is left alone.
+    for (name, order, chunk, samples) in orders {
+        if only.is_some_and(|only| only != name) {
+            continue;
+        }
+        // The best of several runs, chunk by chunk.
         let chunks = || {
             samples
                 .at
-                .par_chunks(CHUNK)
-                .zip(samples.lanes.par_chunks(CHUNK))
+                .par_chunks(chunk)
+                .zip(samples.lanes.par_chunks(chunk))
         };
         let mut best = vec![f64::INFINITY; chunks().len()];
         let mut fastest = f64::INFINITY;
@@ -200,11 +243,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (sum, found) = chunks()
                 .zip(&mut best)
                 .map_init(
-                    || vec![Sampled::default(); CHUNK],
+                    || vec![Sampled::default(); chunk],
                     |sampled, ((at, lanes), best)| {
-                        let start = Instant::now();
+                        let before = core_secs();
                         sampler.sample_all(order, at, lanes, sampled);
-                        *best = best.min(start.elapsed().as_secs_f64());
+                        *best = best.min(core_secs() - before);
                         let (mut sum, mut found) = (0.0, 0);
                         for sampled in &sampled[..at.len()] {
                             sum += f64::from(sampled.values.iter().sum::<f32>());
@@ -216,16 +259,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
             fastest = fastest.min(start.elapsed().as_secs_f64());
         }
-        let core_secs: f64 = best.iter().sum();
-        let count: u64 = samples
-            .lanes
-            .iter()
-            .map(|l| u64::from(l.count_ones()))
-            .sum();
+        let secs: f64 = best.iter().sum();
+        let lanes = samples.lanes.iter();
+        let count: u64 = lanes.map(|l| u64::from(l.count_ones())).sum();
         println!(
-            "{name}: {:.2} Msamples/s, {:.2} a core left alone ({count} samples, {found} inside, mean {:.4})",
+            "{name}: {:.2} Msamples/s, {:.2} a core ({count} samples, {found} inside, mean {:.4})",
             count as f64 / fastest * 1e-6,
-            count as f64 / core_secs * 1e-6,
+            count as f64 / secs * 1e-6,
             sum / count as f64
         );
     }

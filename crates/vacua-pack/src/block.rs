@@ -22,8 +22,11 @@ mod gradients;
 mod maps;
 mod others;
 mod packets;
+mod scattered;
 mod tets;
+mod trials;
 mod values;
+mod verdict;
 mod walk;
 
 use vacua_simd::{Kernel, LANES, Level, Simd, WideMap, dispatch_at};
@@ -34,6 +37,7 @@ use crate::packed::PackedMesh;
 
 pub(crate) use descend::{child_boxes, nonzero_bytes, ordered_nibbles};
 use packets::Packets;
+use scattered::Curve;
 use walk::Scratch;
 
 /// A place a lane, axis by axis, relative to the mesh's origin (see [`PackedMesh::origin`]).
@@ -47,11 +51,6 @@ const MOST_INDICES: u64 = 1 << 30;
 const MAX_CORNERS: usize = 8;
 /// Packets that go through the trees together.
 const PACKETS: usize = 64;
-
-/// Scattered places that are put in order together, a multiple of sixteen.
-const SORTED: usize = 1 << 14;
-/// Steps along an axis of the curve that they are put in order by.
-const CURVE_STEPS: u32 = 1 << 10;
 
 /// How places that are sampled together lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,9 +105,8 @@ pub struct BlockSampler<'a> {
     frames: Vec<Frame>,
     /// A power of two that makes the mesh about 1 in size.
     scale: f32,
-    /// Lower corner of the mesh, and steps of the curve per unit of length.
-    lo: [f32; 3],
-    curve_steps: f32,
+    /// What scattered places are put in order along.
+    curve: Curve,
     /// Whether vectors can be trusted with this mesh at all.
     is_tame: bool,
 }
@@ -160,8 +158,7 @@ impl<'a> BlockSampler<'a> {
             map,
             frames: frames.collect(),
             scale: scale as f32,
-            lo,
-            curve_steps: CURVE_STEPS as f32 / extent,
+            curve: Curve::new(lo, hi, mesh.num_cells()),
             is_tame,
         }
     }
@@ -219,97 +216,41 @@ impl Kernel for SampleAll<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let sampler = self.sampler;
-        let mut scratch = Scratch::new(sampler.mesh);
-        let mut alone = [[[0.0; LANES]; 3]; PACKETS];
-        let mut order = Vec::new();
-        let vectors = match self.order {
-            Order::Compact => PACKETS,
-            Order::Scattered => SORTED / LANES,
-        };
-        let chunks = self.at.chunks(vectors).zip(self.lanes.chunks(vectors));
-        for ((at, lanes), sampled) in chunks.zip(self.sampled.chunks_mut(vectors)) {
-            sampled.fill(Sampled::default());
-            if self.order == Order::Scattered {
-                sampler.sort(at, lanes, &mut order);
-            } else {
-                order.clear();
-            }
-            // One round of packets that are compact, or as many as there are places.
-            let mut from = 0;
-            loop {
-                let (mut live, mut home) = ([0; PACKETS], [0; PACKETS]);
-                let places = match self.order {
-                    Order::Compact => {
-                        for (packet, &lanes) in lanes.iter().enumerate() {
-                            live[packet] = lanes;
-                            home[packet] = (packet * LANES) as u32;
-                        }
-                        at
-                    }
-                    Order::Scattered => {
-                        let some = &order[from..order.len().min(from + PACKETS)];
-                        for (packet, &key) in some.iter().enumerate() {
-                            let number = key as u32;
-                            let (vector, lane) = (number as usize / LANES, number as usize % LANES);
-                            live[packet] = 1;
-                            home[packet] = number;
-                            for axis in 0..3 {
-                                alone[packet][axis][0] = at[vector][axis][lane];
-                            }
-                        }
-                        &alone[..some.len()]
-                    }
-                };
-                let mut packets = Packets::new(places, live, home);
-                sampler.walk::<S>(&mut packets, self.order, &mut scratch, sampled);
-                from += PACKETS;
-                if from >= order.len() {
-                    break;
-                }
-            }
+        let Self {
+            sampler,
+            order,
+            at,
+            lanes,
+            sampled,
+        } = self;
+        let len = at.len().min(lanes.len()).min(sampled.len());
+        let (at, lanes, sampled) = (&at[..len], &lanes[..len], &mut sampled[..len]);
+        let mut scratch = Scratch::take(sampler.mesh);
+        match order {
+            Order::Compact => sampler.sample_compact::<S>(at, lanes, sampled, &mut scratch),
+            Order::Scattered => sampler.sample_scattered::<S>(at, lanes, sampled, &mut scratch),
         }
+        scratch.put_back();
     }
 }
 
 impl BlockSampler<'_> {
-    /// Numbers of places along a Morton curve through the mesh, each below its code.
-    fn sort(&self, at: &[Places], lanes: &[u16], order: &mut Vec<u64>) {
-        order.clear();
-        for (vector, (at, lanes)) in at.iter().zip(lanes).enumerate() {
-            for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
-                let mut code = 0;
-                for axis in 0..3 {
-                    // What is not finite or outside becomes any number.
-                    let step = ((at[axis][lane] - self.lo[axis]) * self.curve_steps) as u32;
-                    code |= spread(step.min(CURVE_STEPS - 1)) << axis;
-                }
-                order.push(u64::from(code) << 32 | (vector * LANES + lane) as u64);
-            }
-        }
-        order.sort_unstable();
-    }
-}
-
-/// The ten lowest bits of a number, each moved to three times its place.
-#[inline(always)]
-fn spread(number: u32) -> u32 {
-    let x = number & 0x3FF;
-    let x = (x | x << 16) & 0x0300_00FF;
-    let x = (x | x << 8) & 0x0300_F00F;
-    let x = (x | x << 4) & 0x030C_30C3;
-    (x | x << 2) & 0x0924_9249
-}
-
-#[cfg(test)]
-mod tests {
-    use super::spread;
-
-    #[test]
-    fn bits_are_spread() {
-        for number in 0..1024 {
-            let expected = (0..10).fold(0, |code, bit| code | (number >> bit & 1) << (3 * bit));
-            assert_eq!(spread(number), expected);
+    /// The values at places that lie close together.
+    #[inline(always)]
+    fn sample_compact<S: Simd>(
+        &self,
+        at: &[Places],
+        lanes: &[u16],
+        sampled: &mut [Sampled],
+        scratch: &mut Scratch,
+    ) {
+        let chunks = at.chunks(PACKETS).zip(lanes.chunks(PACKETS));
+        for ((at, lanes), sampled) in chunks.zip(sampled.chunks_mut(PACKETS)) {
+            let mut live = [0; PACKETS];
+            live[..lanes.len()].copy_from_slice(lanes);
+            sampled.fill(Sampled::default());
+            let mut packets = Packets::new(at, live);
+            self.walk::<S>(&mut packets, Order::Compact, scratch, sampled);
         }
     }
 }

@@ -391,6 +391,65 @@ fn many_places_are_sampled_as_each_alone() {
     }
 }
 
+/// What is found of a place in a batch that is sorted is what is found of it alone, in dense batches
+/// and in sparse ones, with what is no place among them.
+#[test]
+fn sorted_batches_are_sampled_as_each_place_alone() {
+    for cut in CUTS {
+        let soup = lattice(6, cut, 0.25, 31);
+        for (variant, vectors) in [
+            (Variant::MultiNodes, 700),
+            (Variant::MultiLeaves, 40),
+            (Variant::Small, 120),
+        ] {
+            let (encoded, field) = with_field(&soup, variant, 9);
+            let sampler = BlockSampler::new(&encoded.mesh, &field, None);
+            let mut random = Random(vectors as u64);
+            let (mut at, mut lanes) = (Vec::new(), Vec::new());
+            for vector in 0..vectors {
+                let mut places: Places =
+                    [0; 3].map(|_| std::array::from_fn(|_| random.between(-1.0, 7.0) as f32));
+                match vector % 9 {
+                    0 => places[vector % 3][5] = f32::NAN,
+                    1 => places[vector % 3][6] = f32::INFINITY,
+                    2 => places[vector % 3][7] = f32::NEG_INFINITY,
+                    3 => places[vector % 3][8] = -1e38,
+                    // Sixteen times the same place, a vertex as likely as not.
+                    4 => places = places.map(|c| [c[0].round(); LANES]),
+                    _ => {}
+                }
+                at.push(places);
+                lanes.push(random.next() as u16);
+            }
+            let mut alone = vec![Sampled::default(); vectors];
+            for ((sampled, at), &lanes) in alone.iter_mut().zip(&at).zip(&lanes) {
+                sampler.sample_all(
+                    Order::Compact,
+                    &[*at],
+                    &[lanes],
+                    std::slice::from_mut(sampled),
+                );
+            }
+            let valid: u32 = alone.iter().map(|s| s.valid.count_ones()).sum();
+            assert!(valid as usize > vectors, "{valid}");
+            // What was there before is forgotten.
+            let mut sampled = alone.clone();
+            sampled.reverse();
+            sampler.sample_all(Order::Scattered, &at, &lanes, &mut sampled);
+            for (here, alone) in sampled.iter().zip(&alone) {
+                assert_eq!(bits(here), bits(alone), "{cut:?} {variant:?}");
+            }
+            // The shortest list counts; no list is too short.
+            let mut few = vec![Sampled::default(); 5];
+            sampler.sample_all(Order::Scattered, &at, &lanes[..3], &mut few);
+            assert_eq!(bits(&few[2]), bits(&alone[2]));
+            assert_eq!(few[3].located.found, 0);
+            sampler.sample_all(Order::Scattered, &[], &lanes, &mut few);
+            sampler.sample_all(Order::Scattered, &at, &lanes, &mut []);
+        }
+    }
+}
+
 /// Gradients are those of the scalar code, the same on every instruction set.
 #[test]
 fn gradients_are_those_of_the_cells() {

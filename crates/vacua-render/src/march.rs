@@ -76,6 +76,9 @@ fn sample<S: Simd, V: Sampler>(
     table: Option<&TransferTable>,
 ) {
     let mut places = Vec::new();
+    if V::IS_TOGETHER {
+        places.reserve_exact(pairs.len());
+    }
     for (n, (i, pair)) in pairs.iter().enumerate() {
         let i = usize::from(*i) % TILE_RAYS;
         let ray = &tile.lanes[i];

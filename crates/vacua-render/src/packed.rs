@@ -430,11 +430,12 @@ pub(crate) struct PackedSampler<'a> {
 const QUARTER: usize = LANES / 4;
 
 /// Quarters of vectors: those of the samples of a ray go to different vectors, next to those of its
-/// neighbours.
+/// neighbours. The first samples of all rays come first: sixteen vectors in a row, which are tried
+/// on a box together, then lie about as close together along the rays as across.
 fn quarters(ray: usize) -> [(usize, usize); 4] {
     let (x, y) = (ray % TILE, ray / TILE);
     let (quad, corner) = (y / 2 * (TILE / 2) + x / 2, y % 2 * 2 + x % 2);
-    [0, 1, 2, 3].map(|quarter| (4 * quad + quarter, corner * QUARTER))
+    [0, 1, 2, 3].map(|quarter| (TILE_RAYS / 4 * quarter + quad, corner * QUARTER))
 }
 
 impl PackedSampler<'_> {

@@ -615,6 +615,21 @@ impl Simd for Avx512 {
         }
     }
     #[inline(always)]
+    fn gather_values(values: &[f32], index: &[u32; LANES]) -> F {
+        let end = values.len().min(i32::MAX as usize) as i32;
+        const SUBNORMAL: i32 = 0x20;
+        // SAFETY: the features are there; `index` has sixteen numbers, and only lanes whose number
+        // is one of a value, hence not negative, are read.
+        unsafe {
+            let index = _mm512_loadu_si512(index.as_ptr().cast());
+            let there = _mm512_cmplt_epu32_mask(index, _mm512_set1_epi32(end));
+            let none = _mm512_set1_ps(f32::NAN);
+            let found = _mm512_mask_i32gather_ps::<4>(none, there, index, values.as_ptr().cast());
+            let subnormal = _mm512_fpclass_ps_mask::<SUBNORMAL>(found);
+            F(_mm512_maskz_mov_ps(!subnormal, found))
+        }
+    }
+    #[inline(always)]
     fn nibbles(bytes: [u8; BLOCK]) -> I {
         simd! {
             let bytes = _mm_set1_epi64x(i64::from_le_bytes(bytes));

@@ -104,6 +104,18 @@ pub trait Simd: Copy + Debug + 'static {
     /// Three coordinates a lane, axis by axis, of the points with these numbers. A number past the end
     /// stands for the last point; without any point all is 0.
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [Self::F; 3];
+    /// Values with these numbers as rendering sees them (see [`Voxel::rendered`]), NaN for a number
+    /// past the end.
+    #[inline(always)]
+    fn gather_values(values: &[f32], index: &[u32; LANES]) -> Self::F {
+        let mut found = [f32::NAN; LANES];
+        for lane in 0..LANES {
+            if let Some(value) = values.get(index[lane] as usize) {
+                found[lane] = value.rendered(None);
+            }
+        }
+        Self::F::from_array(found)
+    }
     /// The lower halves of eight bytes in the lanes of the first block, their upper halves in those of
     /// the second.
     fn nibbles(bytes: [u8; BLOCK]) -> Self::I;

@@ -211,3 +211,38 @@ proptest! {
         }
     }
 }
+
+/// Values by number.
+struct Values<'a>(&'a [f32], [u32; LANES]);
+
+impl Kernel for Values<'_> {
+    type Output = [f32; LANES];
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Self::Output {
+        S::gather_values(self.0, &self.1).to_array()
+    }
+}
+
+proptest! {
+    #[test]
+    fn values_are_gathered_as_they_are_rendered(
+        bits in prop::collection::vec(prop_oneof![
+            any::<u32>(),
+            Just((-0.0f32).to_bits()),
+            0u32..0x0080_0000,
+            Just(f32::INFINITY.to_bits()),
+        ], 0..40),
+        index in prop::array::uniform16(prop_oneof![4 => 0u32..40, 1 => any::<u32>()]),
+    ) {
+        let values: Vec<f32> = bits.iter().map(|&b| f32::from_bits(b)).collect();
+        for level in Level::available() {
+            let found = dispatch_at(level, Values(&values, index));
+            for lane in 0..LANES {
+                let value = values.get(index[lane] as usize).map(|v| v.rendered(None));
+                let value = value.unwrap_or(f32::NAN);
+                let same = found[lane].to_bits() == value.to_bits();
+                prop_assert!(same || found[lane].is_nan() && value.is_nan());
+            }
+        }
+    }
+}

@@ -9,7 +9,7 @@ use super::others::OtherBatch;
 use super::packets::{InLeaf, PacketBoxes, Packets};
 use super::tets::{SLOTS, TetBatch};
 use super::values::{ClusterValues, Values};
-use super::{BlockSampler, Frame, Order};
+use super::{BlockSampler, Frame};
 use crate::field::PackedField;
 use crate::packed::Submesh;
 use crate::small::{Cache, Cluster, ClusterLeaf, SubmeshClusters, block_of_vertex};
@@ -75,8 +75,8 @@ impl BlockSampler<'_> {
             });
             // In one place: what tests is long.
             if tets.len > 0 && tets.len + num_tets > SLOTS {
-                let order = Order::Compact;
-                self.test_tets::<S>(number, local, &values, order, tets, packets, in_leaf);
+                tets.read(local, frame.rounding, &values, false);
+                self.test_tets::<S>(local, &values, tets, packets, in_leaf);
             }
             if others.len > 0 && others.len + num_others > LANES {
                 others.test::<S>(local, &values, packets, in_leaf);

@@ -4,9 +4,10 @@
 use vacua_simd::{Float, Kernel, LANES, Level, Mask, Simd, dispatch_at, per_axis};
 use vacua_volume::{Association, CellType};
 
-use super::others::{judge, scalar_weights};
+use super::others::scalar_weights;
 use super::tets::{cross, dot, is_round};
 use super::values::Values;
+use super::verdict::judge;
 use super::{BlockSampler, Located, MAX_CORNERS, Places};
 use crate::element::gradient_at;
 use crate::layout::{OTHER_INDICES, PAIR_INDICES, TET_INDICES};
@@ -46,7 +47,7 @@ impl BlockSampler<'_> {
 
     /// Looks up the cells that were found.
     #[inline(always)]
-    fn cells(&self, located: &Located) -> Cells {
+    fn cells<S: Simd>(&self, located: &Located) -> Cells {
         let mut cells = Cells {
             lanes: 0,
             cell_type: [0; LANES],
@@ -74,10 +75,10 @@ impl BlockSampler<'_> {
                         let corners = cells.corners.first_chunk::<TET_INDICES>();
                         let found = found.first_chunk_mut::<TET_INDICES>();
                         if let (Some(corners), Some(found)) = (corners, found) {
-                            values.at_vertices(header, corners, LANES, found);
+                            values.at_vertices::<S, _, _>(header, corners, LANES, found);
                         }
                     } else {
-                        values.at_vertices(header, &cells.corners, LANES, &mut found);
+                        values.at_vertices::<S, _, _>(header, &cells.corners, LANES, &mut found);
                     }
                     for k in 0..MAX_CORNERS {
                         for lane in 0..LANES {
@@ -160,7 +161,7 @@ impl Kernel for Gradients<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) -> [[f32; LANES]; 3] {
-        let cells = self.sampler.cells(self.located);
+        let cells = self.sampler.cells::<S>(self.located);
         let tets = cells.lanes & !self.located.others;
         let mut gradients = [[0.0; LANES]; 3];
         let mut left = tets;

@@ -11,12 +11,9 @@ use crate::small::ClusterCell;
 
 use super::MAX_CORNERS;
 use super::descend::Leaf;
-use super::maps::{Hexahedron, Pyramid, Wedge, largest, newton};
 use super::packets::{InLeaf, Packets, store};
 use super::values::Values;
-
-/// A pyramid's apex, in units of its size, within which base coordinates mean too little.
-const NEAR_APEX: f32 = 1.0 / 64.0;
+use super::verdict::judge;
 
 /// Pairs of cell and place that wait at most: fewer than sixteen, and sixteen more.
 const PAIRS: usize = 2 * LANES;
@@ -47,13 +44,6 @@ struct Cells<S: Simd> {
     values: [S::F; MAX_CORNERS],
 }
 
-/// What vectors say of sixteen pairs.
-pub(super) struct Verdict<S: Simd> {
-    pub inside: S::M,
-    pub outside: S::M,
-    pub weights: [S::F; MAX_CORNERS],
-}
-
 impl OtherBatch {
     pub fn new() -> Self {
         Self {
@@ -74,25 +64,39 @@ impl OtherBatch {
 
     /// Adds the pyramids, wedges and hexahedra of a leaf, if it has any; there must be room for them.
     #[inline(always)]
-    pub fn add(&mut self, submesh: &Submesh, leaf: &Leaf) {
-        let others = LeafCounts::unpack(leaf.counts).others;
-        if others == 0 {
-            return;
+    pub fn add(&mut self, leaf: &Leaf) {
+        let others = usize::from(LeafCounts::unpack(leaf.counts).others);
+        if others > 0 {
+            self.leaves[self.num_leaves % LANES] = *leaf;
+            self.num_leaves += 1;
+            self.len += others;
         }
-        let mut place = first_other(leaf);
-        for _ in 0..others {
-            let (cell_type, corners) = submesh.other(submesh.indices.read::<OTHER_INDICES>(place));
-            let slot = self.len % LANES;
-            for k in 0..MAX_CORNERS {
-                self.corners[k][slot] = corners[k];
+    }
+
+    /// Reads the indices of all cells; asks for the positions and values of their corners if those
+    /// are likely to be far away.
+    #[inline(always)]
+    pub fn read(&mut self, submesh: &Submesh, values: &Values, is_far: bool) {
+        let mut slot = 0;
+        for number in 0..self.num_leaves {
+            let leaf = self.leaves[number % LANES];
+            let mut place = first_other(&leaf);
+            for _ in 0..LeafCounts::unpack(leaf.counts).others {
+                let indices = submesh.indices.read::<OTHER_INDICES>(place);
+                let (cell_type, corners) = submesh.other(indices);
+                for k in 0..MAX_CORNERS {
+                    if is_far {
+                        vacua_simd::prefetch(submesh.positions, corners[k] as usize);
+                        values.prefetch(submesh.header, corners[k]);
+                    }
+                    self.corners[k][slot % LANES] = corners[k];
+                }
+                self.primitive[slot % LANES] = (2 * place) as i32;
+                self.cell_type[slot % LANES] = cell_type as u8;
+                slot += 1;
+                place += OTHER_INDICES as u64;
             }
-            self.primitive[slot] = (2 * place) as i32;
-            self.cell_type[slot] = cell_type as u8;
-            self.len += 1;
-            place += OTHER_INDICES as u64;
         }
-        self.leaves[self.num_leaves % LANES] = *leaf;
-        self.num_leaves += 1;
     }
 
     /// Adds pyramids, wedges and hexahedra of a decoded cluster, one leaf's.
@@ -131,7 +135,7 @@ impl OtherBatch {
             corners: [[S::F::splat(0.0); 3]; MAX_CORNERS],
             values: [S::F::splat(0.0); MAX_CORNERS],
         };
-        let at_corners = self.values_at_corners(submesh, values);
+        let at_corners = self.values_at_corners::<S>(submesh, values);
         for k in 0..MAX_CORNERS {
             cells.corners[k] = S::gather_points(submesh.positions, &self.corners[k]);
             cells.values[k] = S::F::from_array(at_corners[k]);
@@ -185,11 +189,20 @@ impl OtherBatch {
 
     /// Values at the corners of all cells.
     #[inline(always)]
-    fn values_at_corners(&self, submesh: &Submesh, values: &Values) -> [[f32; LANES]; MAX_CORNERS] {
+    fn values_at_corners<S: Simd>(
+        &self,
+        submesh: &Submesh,
+        values: &Values,
+    ) -> [[f32; LANES]; MAX_CORNERS] {
         let mut at_corners = [[0.0; LANES]; MAX_CORNERS];
         match values {
             Values::Points(values) => {
-                values.at_vertices(submesh.header, &self.corners, self.len, &mut at_corners);
+                values.at_vertices::<S, _, _>(
+                    submesh.header,
+                    &self.corners,
+                    self.len,
+                    &mut at_corners,
+                );
             }
             Values::Cluster(values) => {
                 values.at_corners(&self.corners, self.len, &mut at_corners);
@@ -361,146 +374,4 @@ fn interpolate<S: Simd>(values: &[S::F; MAX_CORNERS], weights: &[S::F; MAX_CORNE
         value = weights[k].mul_add(corner - first, value);
     }
     value.max(lo).min(hi).select(finite, S::F::splat(f32::NAN))
-}
-
-/// Inverts the maps of sixteen cells, given by their corners relative to the place.
-#[inline(always)]
-pub(super) fn judge<S: Simd>(
-    mut p: [[S::F; 3]; MAX_CORNERS],
-    cell_type: &[u8; LANES],
-    lanes: u16,
-) -> Verdict<S> {
-    let zero = S::F::splat(0.0);
-    let mut size = zero;
-    for k in 0..MAX_CORNERS {
-        size = size.max(largest(p[k]));
-    }
-    // The power of two that brings sizes to between 1 and 2, for those that are normal numbers.
-    let exponent = size.to_bits().and(S::I::splat(0x7F80_0000));
-    let scale = S::f_from_bits(S::I::splat(0x7F00_0000) - exponent);
-    for k in 0..MAX_CORNERS {
-        p[k] = per_axis!(i => p[k][i] * scale);
-    }
-    let tame = S::F::splat(1e-30).lt(size) & size.lt(S::F::splat(1e30));
-    let tame = tame & S::M::from_bits(lanes);
-    let mut of_kind = [0u16; 4];
-    for pair in 0..LANES {
-        of_kind[usize::from(cell_type[pair] & 3)] |= 1 << pair;
-    }
-    let none = S::M::from_bits(0);
-    let mut verdict = Verdict::<S> {
-        inside: none,
-        outside: none,
-        weights: [zero; MAX_CORNERS],
-    };
-    let hexahedra = of_kind[CellType::Hexahedron as usize] & lanes;
-    if hexahedra != 0 {
-        hexahedron::<S>(&p, tame & S::M::from_bits(hexahedra), &mut verdict);
-    }
-    let wedges = of_kind[CellType::Wedge as usize] & lanes;
-    if wedges != 0 {
-        wedge::<S>(&p, tame & S::M::from_bits(wedges), &mut verdict);
-    }
-    let pyramids = of_kind[CellType::Pyramid as usize] & lanes;
-    if pyramids != 0 {
-        pyramid::<S>(&p, tame & S::M::from_bits(pyramids), &mut verdict);
-    }
-    verdict
-}
-
-impl<S: Simd> Verdict<S> {
-    /// Adds what is known of some lanes: the least of the coordinates that must not be negative, how
-    /// far it may be off, and the weights.
-    #[inline(always)]
-    fn add(&mut self, certain: S::M, least: S::F, margin: S::F, weights: &[(usize, S::F)]) {
-        let inside = certain & margin.lt(least);
-        self.inside = self.inside | inside;
-        self.outside = self.outside | certain & least.lt(S::F::splat(0.0) - margin);
-        for &(k, weight) in weights {
-            self.weights[k] = weight.select(inside, self.weights[k]);
-        }
-    }
-}
-
-#[inline(always)]
-fn hexahedron<S: Simd>(p: &[[S::F; 3]; 8], lanes: S::M, verdict: &mut Verdict<S>) {
-    let (half, one) = (S::F::splat(0.5), S::F::splat(1.0));
-    let root = newton::<S>([half; 3], S::F::splat(0.0), &Hexahedron::<S>::new(p), lanes);
-    let [r, s, t] = root.x;
-    let (q, u, v) = (one - r, one - s, one - t);
-    let least = r.min(s).min(t).min(q.min(u).min(v));
-    let (uv, sv, ut, st) = (u * v, s * v, u * t, s * t);
-    let weights = [
-        (1, r * uv),
-        (2, r * sv),
-        (3, q * sv),
-        (4, q * ut),
-        (5, r * ut),
-        (6, r * st),
-        (7, q * st),
-    ];
-    verdict.add(root.certain, least, root.margin, &weights);
-}
-
-#[inline(always)]
-fn wedge<S: Simd>(p: &[[S::F; 3]; 8], lanes: S::M, verdict: &mut Verdict<S>) {
-    let (third, half) = (S::F::splat(1.0 / 3.0), S::F::splat(0.5));
-    let root = newton::<S>(
-        [third, third, half],
-        S::F::splat(0.0),
-        &Wedge::<S>::new(p),
-        lanes,
-    );
-    let [r, s, t] = root.x;
-    let one = S::F::splat(1.0);
-    let (q, u) = (one - r - s, one - t);
-    let least = r.min(s).min(q).min(t.min(u));
-    let zero = S::F::splat(0.0);
-    let weights = [
-        (1, r * u),
-        (2, s * u),
-        (3, q * t),
-        (4, r * t),
-        (5, s * t),
-        (6, zero),
-        (7, zero),
-    ];
-    // The third of the triangle's coordinates is off by as much as the other two together.
-    verdict.add(
-        root.certain,
-        least,
-        root.margin * S::F::splat(2.0),
-        &weights,
-    );
-}
-
-#[inline(always)]
-fn pyramid<S: Simd>(p: &[[S::F; 3]; 8], lanes: S::M, verdict: &mut Verdict<S>) {
-    let map = Pyramid::<S>::new(p);
-    let (start, error) = map.start();
-    let root = newton::<S>(start, error, &map, lanes);
-    let [w, u, v] = root.x;
-    let (zero, one) = (S::F::splat(0.0), S::F::splat(1.0));
-    let (r, s) = (u.div(w), v.div(w));
-    let height = w * map.distance;
-    let least = r.min(s).min((one - r).min(one - s)).min(one - height);
-    // Base coordinates are quotients: of numbers up to FAR, by one that is not small.
-    let margin = root.margin * S::F::splat(4.0).div(w);
-    let certain = root.certain
-        & S::F::splat(1.0 / 16.0).lt(w)
-        & S::F::splat(NEAR_APEX).lt(map.distance)
-        & r.abs().lt(S::F::splat(2.0))
-        & s.abs().lt(S::F::splat(2.0))
-        & height.lt(S::F::splat(4.0));
-    let (q, t) = (one - r, one - s);
-    let weights = [
-        (1, r * t * height),
-        (2, r * s * height),
-        (3, q * s * height),
-        (4, one - height),
-        (5, zero),
-        (6, zero),
-        (7, zero),
-    ];
-    verdict.add(certain, least, margin, &weights);
 }

@@ -34,8 +34,6 @@ pub(super) struct Packets<'a> {
     pub at: &'a [Places],
     /// Those still looked for, lane by lane.
     pub live: [u16; PACKETS],
-    /// Where the first of a packet's lanes goes among all lanes that are asked for.
-    pub home: [u32; PACKETS],
     /// In sixteenths of a step of the grid of the sub-mesh at hand.
     grid: [[[f32; LANES]; 3]; PACKETS],
     /// The lowest primitive of the sub-mesh at hand that accepts each; [`NOT_FOUND`] if none has.
@@ -97,11 +95,10 @@ pub(super) fn store<S: Simd>(values: S::F, to: &mut [f32], from: usize) {
 
 impl<'a> Packets<'a> {
     /// Packets of which some lanes are looked for.
-    pub fn new(at: &'a [Places], live: [u16; PACKETS], home: [u32; PACKETS]) -> Self {
+    pub fn new(at: &'a [Places], live: [u16; PACKETS]) -> Self {
         Self {
             at,
             live,
-            home,
             grid: [[[0.0; LANES]; 3]; PACKETS],
             primitive: [NOT_FOUND; PLACES],
             value: [0.0; PLACES],
@@ -235,7 +232,7 @@ fn as_unsigned(numbers: [i32; LANES]) -> [u32; LANES] {
 
 /// As [`load`] for integers.
 #[inline(always)]
-fn load_i<S: Simd>(values: &[i32], from: usize) -> S::I {
+pub(super) fn load_i<S: Simd>(values: &[i32], from: usize) -> S::I {
     match values.get(from..).and_then(|rest| rest.first_chunk()) {
         Some(sixteen) => S::I::from_array(*sixteen),
         None => S::I::splat(0),

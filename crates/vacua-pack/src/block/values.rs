@@ -4,7 +4,7 @@
 //! corner's plus weighted differences to it, which keeps small signals on large offsets and constants
 //! exact, and never outside the range of the corners' values, whatever the rounding.
 
-use vacua_simd::{Voxel, WideMap};
+use vacua_simd::{Float, LANES, Portable, Simd, Voxel, WideMap};
 use vacua_volume::{Association, ScalarType, dispatch_scalar};
 
 use super::{BlockSampler, MAX_CORNERS, Sampled};
@@ -105,7 +105,7 @@ impl PointValues<'_> {
     /// Values at the corners of some cells of a sub-mesh, corner by corner; NaN where a file has
     /// none.
     #[inline(always)]
-    pub fn at_vertices<const CELLS: usize, const CORNERS: usize>(
+    pub fn at_vertices<S: Simd, const CELLS: usize, const CORNERS: usize>(
         &self,
         header: &SubmeshHeader,
         corners: &[[u32; CELLS]; CORNERS],
@@ -117,6 +117,11 @@ impl PointValues<'_> {
             return;
         }
         let first = usize::try_from(header.first_vertex).unwrap_or(usize::MAX);
+        if let (ScalarType::F32, None) = (self.scalar_type, self.map) {
+            let values: &[f32] = bytemuck::cast_slice(self.bytes);
+            gather::<S, CELLS, CORNERS>(values.get(first..).unwrap_or(&[]), corners, len, found);
+            return;
+        }
         dispatch_scalar!(self.scalar_type, T => {
             let values: &[T] = bytemuck::cast_slice(self.bytes);
             let values = values.get(first..).unwrap_or(&[]);
@@ -162,6 +167,28 @@ impl PointValues<'_> {
     }
 }
 
+/// Values at the corners of some cells as they are, sixteen at a time.
+#[inline(always)]
+fn gather<S: Simd, const CELLS: usize, const CORNERS: usize>(
+    values: &[f32],
+    corners: &[[u32; CELLS]; CORNERS],
+    len: usize,
+    found: &mut [[f32; CELLS]; CORNERS],
+) {
+    for k in 0..CORNERS {
+        let (sixteens, rest) = corners[k].as_chunks::<LANES>();
+        let (found_sixteens, found_rest) = found[k].as_chunks_mut::<LANES>();
+        let needed = len.div_ceil(LANES);
+        for (corners, found) in sixteens.iter().zip(found_sixteens).take(needed) {
+            *found = S::gather_values(values, corners).to_array();
+        }
+        for (&corner, found) in rest.iter().zip(found_rest) {
+            let value = values.get(corner as usize);
+            *found = value.map_or(f32::NAN, |v| v.rendered(None));
+        }
+    }
+}
+
 impl CellValues<'_> {
     /// The value of a cell of a node; NaN where a file has none.
     pub fn at_cell(&self, node: u32, cell_in_node: u32) -> f32 {
@@ -192,7 +219,8 @@ impl BlockSampler<'_> {
         match Values::new(self.mesh, self.field, self.map, submesh) {
             Values::Points(values) => {
                 if let Some(header) = self.mesh.submeshes().get(submesh) {
-                    values.at_vertices(header, &cell.corners.map(|c| [c]), 1, &mut found);
+                    let corners = cell.corners.map(|c| [c]);
+                    values.at_vertices::<Portable, 1, MAX_CORNERS>(header, &corners, 1, &mut found);
                 }
             }
             Values::Cluster(_) => {}

@@ -1,8 +1,9 @@
 //! Packets through a mesh, sub-mesh after sub-mesh.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 
-use vacua_simd::{Float, LANES, Mask, Simd};
+use vacua_simd::{Float, Int, LANES, Mask, Simd};
 
 use crate::Variant;
 use crate::layout::WIDTH;
@@ -13,12 +14,13 @@ use crate::small::Cache;
 use super::clusters::{Batches, Visited};
 use super::descend::{Leaf, NodeLeaves, Visit, outer_items, visit_node};
 use super::others::OtherBatch;
-use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets};
+use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets, load, load_i};
 use super::tets::TetBatch;
 use super::values::Values;
 use super::{BlockSampler, Order, Sampled};
 
-/// Memory that a walk needs.
+/// Memory that a walk needs. What is in it says nothing from one walk to the next, but for decoded
+/// clusters.
 pub(super) struct Scratch {
     stack: VecDeque<Visit>,
     items: Vec<Visit>,
@@ -30,10 +32,14 @@ pub(super) struct Scratch {
     cache: Option<Box<Cache>>,
 }
 
+thread_local! {
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
+}
+
 impl Scratch {
-    pub fn new(mesh: &PackedMesh) -> Self {
+    fn new() -> Self {
         Self {
-            cache: mesh.clusters().map(|_| Cache::take()),
+            cache: None,
             stack: VecDeque::new(),
             items: Vec::new(),
             tets: TetBatch::new(),
@@ -45,13 +51,20 @@ impl Scratch {
             },
         }
     }
-}
 
-impl Drop for Scratch {
-    fn drop(&mut self) {
+    /// This thread's, to be given back with [`Self::put_back`].
+    pub fn take(mesh: &PackedMesh) -> Box<Self> {
+        let mut scratch = SCRATCH.take().unwrap_or_else(|| Box::new(Self::new()));
+        scratch.cache = mesh.clusters().map(|_| Cache::take());
+        scratch
+    }
+
+    /// Leaves the memory for the next time.
+    pub fn put_back(mut self: Box<Self>) {
         if let Some(cache) = self.cache.take() {
             cache.put_back();
         }
+        SCRATCH.set(Some(self));
     }
 }
 
@@ -100,7 +113,7 @@ impl BlockSampler<'_> {
             };
             let there = self.visit_submesh::<S>(number, &submesh, &boxes, order, packets, scratch);
             // Boxes stay as they are, now too large for some packets, which is safe.
-            mask &= !deliver(number, there, packets, sampled);
+            mask &= !deliver::<S>(number, there, packets, sampled);
         }
     }
 
@@ -206,17 +219,18 @@ impl BlockSampler<'_> {
                     && others.has_room(leaf)
                 {
                     tets.add(leaf);
-                    others.add(submesh, leaf);
+                    others.add(leaf);
                     next += 1;
                 }
                 let is_full = next < leaves.len;
                 if is_full || is_last {
+                    let is_far = order == Order::Scattered;
                     if tets.len > 0 {
-                        self.test_tets::<S>(
-                            number, submesh, &values, order, tets, packets, in_leaf,
-                        );
+                        tets.read(submesh, self.frames[number].rounding, &values, is_far);
+                        self.test_tets::<S>(submesh, &values, tets, packets, in_leaf);
                     }
                     if others.len > 0 {
+                        others.read(submesh, &values, is_far);
                         others.test::<S>(submesh, &values, packets, in_leaf);
                         others.clear();
                     }
@@ -231,20 +245,17 @@ impl BlockSampler<'_> {
         }
     }
 
+    /// Tries places on tetrahedra that have been read, and forgets those.
     #[inline(always)]
     pub(super) fn test_tets<S: Simd>(
         &self,
-        number: usize,
         submesh: &Submesh,
         values: &Values,
-        order: Order,
         tets: &mut TetBatch,
         packets: &mut Packets,
         in_leaf: &mut InLeaf,
     ) {
-        let rounding = self.frames[number].rounding;
-        let is_far = order == Order::Scattered;
-        tets.set_up::<S>(submesh, self.scale, rounding, values, is_far);
+        tets.set_up::<S>(submesh, self.scale, values);
         tets.test::<S>(submesh, self.scale, packets, in_leaf);
         tets.clear();
     }
@@ -257,10 +268,9 @@ impl BlockSampler<'_> {
         for packet in bits(packets.mask()) {
             for lane in (0..LANES).filter(|lane| packets.live[packet] >> lane & 1 == 1) {
                 let place = packets.place((packet * LANES + lane) as u32);
-                let home = packets.home[packet] as usize + lane;
                 let location = locator.locate_local(place.map(f64::from));
-                if let (Some(location), Some(sampled)) = (location, sampled.get_mut(home / LANES)) {
-                    self.set(&location, home % LANES, sampled);
+                if let (Some(location), Some(sampled)) = (location, sampled.get_mut(packet)) {
+                    self.set(&location, lane, sampled);
                 }
             }
         }
@@ -269,39 +279,48 @@ impl BlockSampler<'_> {
 
 /// Writes down what was found in a sub-mesh, and looks for that no longer; gives the packets of
 /// which all was found.
-fn deliver(
+#[inline(always)]
+fn deliver<S: Simd>(
     number: usize,
     there: PacketMask,
     packets: &mut Packets,
     sampled: &mut [Sampled],
 ) -> PacketMask {
+    let (not_found, finite) = (S::I::splat(NOT_FOUND), S::F::splat(f32::MAX));
     let mut done = 0;
     for packet in bits(there) {
-        let mut left = packets.live[packet];
-        while left != 0 {
-            let lane = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let place = packet * LANES + lane;
-            let primitive = packets.primitive[place];
-            if primitive == NOT_FOUND {
-                continue;
-            }
-            packets.live[packet] &= !(1 << lane);
-            let home = packets.home[packet] as usize + lane;
-            let Some(sampled) = sampled.get_mut(home / LANES) else {
-                continue;
-            };
-            let to = home % LANES;
-            let value = packets.value[place];
-            let is_finite = value.is_finite();
-            sampled.values[to] = if is_finite { value } else { 0.0 };
-            sampled.valid |= u16::from(is_finite) << to;
-            sampled.located.found |= 1 << to;
-            sampled.located.others |= (packets.others[packet] >> lane & 1) << to;
-            sampled.located.submesh[to] = number as u32;
-            sampled.located.primitive[to] = u64::from(primitive as u32);
-        }
+        let primitive = load_i::<S>(&packets.primitive, packet * LANES);
+        let found = packets.live[packet] & !primitive.eq(not_found).to_bits();
+        packets.live[packet] &= !found;
         done |= PacketMask::from(packets.live[packet] == 0) << packet;
+        let Some(sampled) = sampled.get_mut(packet).filter(|_| found != 0) else {
+            continue;
+        };
+        let value = load::<S>(&packets.value, packet * LANES);
+        let valid = S::M::from_bits(found) & value.abs().le(finite);
+        let values = value.select(valid, S::F::from_array(sampled.values));
+        sampled.values = values.to_array();
+        sampled.valid |= valid.to_bits();
+        let located = &mut sampled.located;
+        let primitive = primitive.to_array();
+        let kept = located.found;
+        for lane in 0..LANES {
+            // Of lanes in neither nothing is said.
+            let is_kept = kept >> lane & 1 == 1;
+            let (submesh, primitive) = (number as u32, u64::from(primitive[lane] as u32));
+            located.submesh[lane] = if is_kept {
+                located.submesh[lane]
+            } else {
+                submesh
+            };
+            located.primitive[lane] = if is_kept {
+                located.primitive[lane]
+            } else {
+                primitive
+            };
+        }
+        located.found |= found;
+        located.others |= packets.others[packet] & found;
     }
     done
 }
