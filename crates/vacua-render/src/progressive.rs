@@ -47,7 +47,10 @@ impl<'a, R: Renderer + ?Sized> Progressive<'a, R> {
     pub fn new(renderer: &'a mut R, scene: &'a Scene, settings: RenderSettings) -> Self {
         let is_mesh = match &scene.data {
             SceneData::Packed(_) => true,
-            SceneData::Volume(volume) => matches!(&**volume.geometry(), Geometry::Unstructured(_)),
+            SceneData::Volume(volume) => matches!(
+                &**volume.geometry(),
+                Geometry::Unstructured(_) | Geometry::Curvilinear(_)
+            ),
         };
         // What is coarse itself comes at once.
         let coarse_first = is_mesh && settings.detail == Detail::Exact && settings.first_frame == 0;

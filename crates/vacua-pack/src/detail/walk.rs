@@ -1,8 +1,9 @@
-//! Estimates at sixteen places at a time.
+//! Estimates at up to sixteen times sixteen places at a time.
 //!
-//! The box around the places goes through the tree: all eight children of a node are tried on it in
-//! three comparisons. Only boxes of the level are tried on the places themselves. Places of a vector
-//! should lie close together.
+//! The box around all places goes through the tree: the eight children of a node are tried on it in
+//! three comparisons. A box of the level is tried on the boxes of sixteen vectors of places at once,
+//! then on the places of those that it meets. Places of a vector should lie close together, and so
+//! should the vectors of every sixteen.
 
 use vacua_simd::{Float, Kernel, LANES, Level, Mask, Simd, dispatch_at, per_axis};
 
@@ -129,13 +130,15 @@ impl Kernel for SampleAll<'_> {
             outer: Vec::new(),
             nodes: Vec::new(),
         };
-        let places = self.at.iter().zip(self.lanes);
-        for ((at, &lanes), estimates) in places.zip(self.estimates) {
-            *estimates = if sampler.is_tame {
-                walk.sample::<S>(at, lanes)
-            } else {
-                sampler.one_by_one(at, lanes)
-            };
+        let groups = self.at.chunks(LANES).zip(self.lanes.chunks(LANES));
+        for ((at, lanes), estimates) in groups.zip(self.estimates.chunks_mut(LANES)) {
+            if sampler.is_tame {
+                walk.sample::<S>(at, lanes, estimates);
+                continue;
+            }
+            for ((at, &lanes), estimates) in at.iter().zip(lanes).zip(estimates) {
+                *estimates = sampler.one_by_one(at, lanes);
+            }
         }
     }
 }
@@ -163,35 +166,83 @@ struct Walk<'a> {
     nodes: Vec<u32>,
 }
 
-/// Some of sixteen places, and the box around them.
-#[derive(Clone, Copy)]
-struct Packet<S: Simd> {
-    at: [S::F; 3],
-    lanes: S::M,
-    lo: [f32; 3],
-    hi: [f32; 3],
+/// Up to sixteen vectors of places, and the box around the places of each.
+#[derive(Clone)]
+struct Crowd<S: Simd> {
+    at: [[S::F; 3]; LANES],
+    /// Which places there are.
+    lanes: [S::M; LANES],
+    /// A lane a vector; of those without places, boxes that meet nothing.
+    lo: [S::F; 3],
+    hi: [S::F; 3],
 }
 
-impl<S: Simd> Packet<S> {
-    /// Some lanes, at least one, of places.
+/// A box, each corner in all lanes.
+struct Bounds<S: Simd> {
+    lo: [S::F; 3],
+    hi: [S::F; 3],
+}
+
+impl<S: Simd> Bounds<S> {
     #[inline(always)]
-    fn new(at: [S::F; 3], lanes: S::M) -> Self {
-        let (none, all) = (S::F::splat(f32::INFINITY), S::F::splat(f32::NEG_INFINITY));
+    fn new(lo: [f32; 3], hi: [f32; 3]) -> Self {
         Self {
-            at,
-            lanes,
-            lo: per_axis!(a => at[a].select(lanes, none).lowest()),
-            hi: per_axis!(a => at[a].select(lanes, all).highest()),
+            lo: per_axis!(a => S::F::splat(lo[a])),
+            hi: per_axis!(a => S::F::splat(hi[a])),
+        }
+    }
+}
+
+impl<S: Simd> Crowd<S> {
+    /// Nobody.
+    #[inline(always)]
+    fn empty() -> Self {
+        Self {
+            at: [[S::F::splat(0.0); 3]; LANES],
+            lanes: [S::M::from_bits(0); LANES],
+            lo: [S::F::splat(f32::INFINITY); 3],
+            hi: [S::F::splat(f32::NEG_INFINITY); 3],
         }
     }
 
-    /// The lanes whose place is in a box.
+    /// Finds the boxes of some vectors; there are no others.
     #[inline(always)]
-    fn inside(&self, lo: [f32; 3], hi: [f32; 3]) -> S::M {
-        let inside = per_axis!(a => {
-            S::F::splat(lo[a]).le(self.at[a]) & self.at[a].le(S::F::splat(hi[a]))
-        });
-        self.lanes & inside[0] & inside[1] & inside[2]
+    fn find_boxes(&mut self, vectors: u16) {
+        let (none, all) = (S::F::splat(f32::INFINITY), S::F::splat(f32::NEG_INFINITY));
+        let mut lo = [[f32::INFINITY; LANES]; 3];
+        let mut hi = [[f32::NEG_INFINITY; LANES]; 3];
+        for v in bits(u64::from(vectors)) {
+            for a in 0..3 {
+                lo[a][v] = self.at[v][a].select(self.lanes[v], none).lowest();
+                hi[a][v] = self.at[v][a].select(self.lanes[v], all).highest();
+            }
+        }
+        self.lo = per_axis!(a => S::F::from_array(lo[a]));
+        self.hi = per_axis!(a => S::F::from_array(hi[a]));
+    }
+
+    /// The box around all places.
+    #[inline(always)]
+    fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        (
+            per_axis!(a => self.lo[a].lowest()),
+            per_axis!(a => self.hi[a].highest()),
+        )
+    }
+
+    /// The vectors whose boxes meet a box.
+    #[inline(always)]
+    fn meeting(&self, bounds: &Bounds<S>) -> u16 {
+        let meets = per_axis!(a => bounds.lo[a].le(self.hi[a]) & self.lo[a].le(bounds.hi[a]));
+        (meets[0] & meets[1] & meets[2]).to_bits()
+    }
+
+    /// The places of a vector that are in a box.
+    #[inline(always)]
+    fn inside(&self, vector: usize, bounds: &Bounds<S>) -> S::M {
+        let at = &self.at[vector];
+        let inside = per_axis!(a => bounds.lo[a].le(at[a]) & at[a].le(bounds.hi[a]));
+        self.lanes[vector] & inside[0] & inside[1] & inside[2]
     }
 }
 
@@ -216,16 +267,25 @@ impl<S: Simd> Slots<S> {
 
 impl Walk<'_> {
     #[inline(always)]
-    fn sample<S: Simd>(&mut self, at: &Places, lanes: u16) -> Estimates {
-        let at = per_axis!(a => S::F::from_array(at[a]));
+    fn sample<S: Simd>(&mut self, at: &[Places], lanes: &[u16], estimates: &mut [Estimates]) {
         let largest = S::F::splat(f32::MAX);
-        let finite = at[0].abs().le(largest) & at[1].abs().le(largest) & at[2].abs().le(largest);
-        let lanes = S::M::from_bits(lanes) & finite;
-        if !lanes.any() {
-            return Estimates::default();
+        let mut crowd = Crowd::<S>::empty();
+        let mut live = 0u16;
+        for v in 0..at.len().min(lanes.len()).min(LANES) {
+            let at = per_axis!(a => S::F::from_array(at[v][a]));
+            let finite =
+                at[0].abs().le(largest) & at[1].abs().le(largest) & at[2].abs().le(largest);
+            crowd.at[v] = at;
+            crowd.lanes[v] = S::M::from_bits(lanes[v]) & finite;
+            live |= u16::from(crowd.lanes[v].any()) << v;
         }
-        let packet = Packet::<S>::new(at, lanes);
-        let mut ends = Ends::default();
+        if live == 0 {
+            estimates.fill(Estimates::default());
+            return;
+        }
+        crowd.find_boxes(live);
+        let bounds = crowd.bounds();
+        let mut ends: [Ends; LANES] = std::array::from_fn(|_| Ends::default());
         self.outer.clear();
         self.outer.push(0);
         while let Some(place) = self.outer.pop() {
@@ -234,8 +294,8 @@ impl Walk<'_> {
             };
             let (base, per_unit) = node.grid();
             // Rounding is monotone.
-            let lo = per_axis!(a => (packet.lo[a] - base[a]) * per_unit[a]);
-            let hi = per_axis!(a => (packet.hi[a] - base[a]) * per_unit[a]);
+            let lo = per_axis!(a => (bounds.0[a] - base[a]) * per_unit[a]);
+            let hi = per_axis!(a => (bounds.1[a] - base[a]) * per_unit[a]);
             for k in 0..node.num_children() {
                 let (from, to) = node.child_steps(k);
                 let meets = (from[0] <= hi[0])
@@ -251,15 +311,17 @@ impl Walk<'_> {
                     // Children come after their parents, so that no walk is endless.
                     OuterChild::Node(below) if below > place => self.outer.push(below),
                     OuterChild::Node(_) => {}
-                    OuterChild::Item(item) => self.visit_item::<S>(item, &packet, &mut ends),
+                    OuterChild::Item(item) => self.visit_item::<S>(item, &crowd, &mut ends),
                 }
             }
         }
-        ends.estimates()
+        for (estimates, ends) in estimates.iter_mut().zip(&ends) {
+            *estimates = ends.estimates();
+        }
     }
 
     #[inline(always)]
-    fn visit_item<S: Simd>(&mut self, item: u32, packet: &Packet<S>, ends: &mut Ends) {
+    fn visit_item<S: Simd>(&mut self, item: u32, crowd: &Crowd<S>, ends: &mut [Ends; LANES]) {
         let sampler = self.sampler;
         let Some((number, first)) = sampler.enter(item) else {
             return;
@@ -274,33 +336,49 @@ impl Walk<'_> {
             return;
         };
         // Exact: corners of the box around some positions, or whole steps of the grid.
-        let lanes = packet.inside(lo.map(|c| c as f32), hi.map(|c| c as f32));
-        if !lanes.any() {
+        let entry = Bounds::<S>::new(
+            [lo[0] as f32, lo[1] as f32, lo[2] as f32],
+            [hi[0] as f32, hi[1] as f32, hi[2] as f32],
+        );
+        let mut entered = 0u16;
+        let mut inside = Crowd::<S>::empty();
+        for v in bits(u64::from(crowd.meeting(&entry))) {
+            let lanes = crowd.inside(v, &entry);
+            inside.lanes[v] = lanes;
+            inside.at[v] = per_axis!(a => {
+                (crowd.at[v][a] - S::F::splat(part.base[a])) * S::F::splat(part.sixteenths[a])
+            });
+            entered |= u16::from(lanes.any()) << v;
+        }
+        if entered == 0 {
             return;
         }
-        let mut slots = Slots::<S> {
+        let none = Slots::<S> {
             lo: S::F::splat(f32::from(NO_SLOT[0])),
             hi: S::F::splat(f32::from(NO_SLOT[1])),
         };
+        let mut slots = [none; LANES];
         if sampler.level == DetailLevel::Submesh {
-            slots.join(lanes, WHOLE_SLOT);
+            for v in bits(u64::from(entered)) {
+                slots[v].join(inside.lanes[v], WHOLE_SLOT);
+            }
         } else {
-            let at = per_axis!(a => {
-                (packet.at[a] - S::F::splat(part.base[a])) * S::F::splat(part.sixteenths[a])
-            });
-            let inside = Packet::<S>::new(at, lanes);
+            inside.find_boxes(entered);
+            let (lo, hi) = inside.bounds();
             // For all eight children at once: upper corners against their lower ones in the first
             // block, lower ones with signs turned in the second.
-            let reach = per_axis!(a => S::F::of_blocks(inside.hi[a], -inside.lo[a]));
+            let reach = per_axis!(a => S::F::of_blocks(hi[a], -lo[a]));
             self.nodes.clear();
             self.nodes.push(first);
             while let Some(node) = self.nodes.pop() {
                 self.visit_node::<S>(number, &submesh, node, &inside, &reach, &mut slots);
             }
         }
-        let (lo, hi) = (slots.lo.to_array(), slots.hi.to_array());
-        for lane in bits(u64::from(lanes.to_bits())) {
-            ends.join(part, [lo[lane] as u8, hi[lane] as u8], lane);
+        for v in bits(u64::from(entered)) {
+            let (lo, hi) = (slots[v].lo.to_array(), slots[v].hi.to_array());
+            for lane in bits(u64::from(inside.lanes[v].to_bits())) {
+                ends[v].join(part, [lo[lane] as u8, hi[lane] as u8], lane);
+            }
         }
     }
 
@@ -310,9 +388,9 @@ impl Walk<'_> {
         number: usize,
         submesh: &Submesh,
         place: u32,
-        packet: &Packet<S>,
+        crowd: &Crowd<S>,
         reach: &[S::F; 3],
-        slots: &mut Slots<S>,
+        slots: &mut [Slots<S>; LANES],
     ) {
         let Some((node, first_child)) = submesh.node(place) else {
             return;
@@ -343,7 +421,7 @@ impl Walk<'_> {
         let each = per_axis!(a => corners[a].to_array());
         if self.sampler.level == DetailLevel::MultiLeaf {
             let (lo, hi, slot) = around(leaves, &each, ranges);
-            slots.join(packet.inside(lo, hi), slot);
+            join_inside(crowd, &Bounds::new(lo, hi), slot, slots);
             return;
         }
         let meets = per_axis!(a => corners[a].le(reach[a]));
@@ -351,8 +429,21 @@ impl Walk<'_> {
         for child in bits(u64::from(leaves & meets)) {
             let lo = per_axis!(a => each[a][child]);
             let hi = per_axis!(a => -each[a][WIDTH + child]);
-            slots.join(packet.inside(lo, hi), ranges[child]);
+            join_inside(crowd, &Bounds::new(lo, hi), ranges[child], slots);
         }
+    }
+}
+
+/// Widens the slots of all places that are in a box.
+#[inline(always)]
+fn join_inside<S: Simd>(
+    crowd: &Crowd<S>,
+    bounds: &Bounds<S>,
+    slot: [u8; 2],
+    slots: &mut [Slots<S>; LANES],
+) {
+    for v in bits(u64::from(crowd.meeting(bounds))) {
+        slots[v].join(crowd.inside(v, bounds), slot);
     }
 }
 

@@ -67,6 +67,12 @@ impl PackedCells {
     }
 }
 
+/// The place of a vector among those of a tile: sixteen that follow each other are samples of all of its
+/// rays, a quarter of the depth.
+fn among_sixteen(vector: usize) -> usize {
+    vector % 4 * (TILE_RAYS / 4) + vector / 4
+}
+
 /// Estimates of the values of a packed mesh.
 pub(crate) struct EstimateSampler<'a> {
     sampler: DetailSampler<'a>,
@@ -105,6 +111,7 @@ impl Sampler for EstimateSampler<'_> {
             let place = self.places::<S>(place);
             let bits = group.lanes[n].to_bits();
             for (q, (vector, from)) in quarters(ray).into_iter().enumerate() {
+                let vector = among_sixteen(vector);
                 for axis in 0..3 {
                     let samples = &place[axis][q * QUARTER..][..QUARTER];
                     at[vector][axis][from..][..QUARTER].copy_from_slice(samples);
@@ -118,6 +125,7 @@ impl Sampler for EstimateSampler<'_> {
             let mut value = [0.0; LANES];
             let mut valid = 0;
             for (q, (vector, from)) in quarters(ray).into_iter().enumerate() {
+                let vector = among_sixteen(vector);
                 let (to, found) = (q * QUARTER, &found[vector]);
                 value[to..][..QUARTER].copy_from_slice(&found.values[from..][..QUARTER]);
                 valid |= (found.valid >> from & 0xF) << to;
