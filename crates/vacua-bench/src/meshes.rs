@@ -14,8 +14,11 @@ use crate::machine::available_bytes;
 
 /// The variants of the encoding that are measured, by what the command calls them; what references
 /// are built from is that of the last.
-pub(crate) const VARIANTS: [(Variant, &str); 2] =
-    [(Variant::MultiLeaves, "1"), (Variant::MultiNodes, "2")];
+pub(crate) const VARIANTS: [(Variant, &str); 3] = [
+    (Variant::MultiLeaves, "1"),
+    (Variant::Small, "small"),
+    (Variant::MultiNodes, "2"),
+];
 
 /// Bytes a cell that making and encoding a mesh takes, about.
 const BYTES_PER_CELL: u64 = 250;

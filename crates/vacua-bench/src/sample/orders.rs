@@ -38,8 +38,10 @@ impl Order {
 
 /// Why there is no time of a core.
 pub(super) const NO_CLOCK: &str = "this system has no clock of a process's own";
-/// Blocks of sixteen that a thread takes at a time.
+/// Blocks of sixteen that a thread takes at a time: of places side by side, and of scattered ones,
+/// which what samples may sort.
 const CHUNK: usize = 256;
+const SCATTERED_CHUNK: usize = 1 << 16;
 /// Bits a coordinate of a place on the curve.
 const MORTON_BITS: u32 = 16;
 
@@ -63,7 +65,18 @@ impl Work {
     fn num_chunks(&self) -> usize {
         match self {
             Self::Rays(rays) => rays.tiles.len(),
-            Self::Blocks(blocks, _) => blocks.len().div_ceil(CHUNK),
+            Self::Blocks(blocks, _) => blocks.len().div_ceil(self.blocks_a_chunk()),
+        }
+    }
+
+    /// Blocks of a piece, a piece a thread or more.
+    fn blocks_a_chunk(&self) -> usize {
+        match self {
+            Self::Blocks(blocks, vacua_pack::Order::Scattered) => {
+                let share = blocks.len().div_ceil(rayon::current_num_threads());
+                share.clamp(1, SCATTERED_CHUNK)
+            }
+            _ => CHUNK,
         }
     }
 
@@ -78,7 +91,7 @@ impl Work {
                 values.iter().filter(|v| !v.is_nan()).sum()
             }
             Self::Blocks(blocks, order) => {
-                let chunk = blocks.chunks(CHUNK).nth(chunk);
+                let chunk = blocks.chunks(self.blocks_a_chunk()).nth(chunk);
                 chunk.map_or(0.0, |blocks| peer.sum(blocks, *order))
             }
         }
