@@ -77,9 +77,10 @@ fn longer_rays_than_numbers_hold() {
         return;
     };
     let settings = RenderSettings {
+        // A row through the middle of what is flat.
         width: 3,
-        height: 2,
-        step: 1e-4,
+        height: 3,
+        step: 4e-5,
         macrocell_side: Some(8),
         ..settings()
     };
