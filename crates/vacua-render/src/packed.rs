@@ -97,13 +97,19 @@ impl PackedCells {
     /// unless they are already.
     ///
     /// # Errors
-    /// [`RenderError::NoPositions`] if no cell is anywhere, [`RenderError::Encode`] or
+    /// [`RenderError::NoPositions`] if no point is anywhere, [`RenderError::Encode`] or
     /// [`RenderError::Field`] if it cannot be encoded.
     pub fn of_data(data: &SceneData) -> Result<Option<Self>, RenderError> {
         let volume = match data {
             SceneData::Packed(volume) => volume.clone(),
             SceneData::Volume(volume) => match mesh_of(volume) {
-                Some(mesh) => encoded(&mesh, volume)?,
+                Some(mesh) => {
+                    let encoded = encoded(&mesh, volume)?;
+                    if encoded.mesh().num_cells() == 0 && mesh.bounds().is_none() {
+                        return Err(RenderError::NoPositions);
+                    }
+                    encoded
+                }
                 None => return Ok(None),
             },
         };
@@ -136,7 +142,7 @@ impl PackedCells {
     /// Prepares an encoded mesh.
     ///
     /// # Errors
-    /// [`RenderError::NoPositions`] if no cell is anywhere.
+    /// [`RenderError::Lattice`] if it has too many cubes.
     pub fn new(volume: Arc<PackedVolume>) -> Result<Self, RenderError> {
         let mesh = volume.mesh();
         let headers = mesh.submeshes();
@@ -151,9 +157,13 @@ impl PackedCells {
             DVec3::from(lo.map(f64::from)),
             DVec3::from(hi.map(f64::from)),
         );
-        if !(lower.is_finite() && upper.is_finite()) {
-            return Err(RenderError::NoPositions);
-        }
+        // Without a cell there is nothing to see, at one place as at any other.
+        let somewhere = lower.is_finite() && upper.is_finite();
+        let (lower, upper) = if somewhere {
+            (lower, upper)
+        } else {
+            (DVec3::ZERO, DVec3::ZERO)
+        };
         let cube = cube_size(upper - lower, mesh.num_cells() as f64);
         let counts = (upper - lower) / f64::from(cube);
         let axes = counts.to_array().map(|n| Axis::Unit {
@@ -171,7 +181,7 @@ impl PackedCells {
             strides: Strides::Constant,
             volume,
             cube,
-            corner: lo,
+            corner: lower.as_vec3().to_array(),
         };
         let (finest, strides) = cells.sizes()?;
         cells.space.finest = DVec3::splat(finest);

@@ -4,10 +4,11 @@ use std::time::Instant;
 
 use glam::DVec3;
 use vacua_render::{
-    Camera, CpuRenderer, Frame, Integrator, RenderSettings, Renderer, Scene, Shading, SkipMethod,
+    Camera, CpuRenderer, Frame, Integrator, RenderError, RenderSettings, Renderer, Scene, Shading,
+    SkipMethod,
 };
 use vacua_volume::{
-    Association, ColorPoint, ComponentChoice, CurvilinearGrid, DataArray, Dataset, Field,
+    Association, CellMask, ColorPoint, ComponentChoice, CurvilinearGrid, DataArray, Dataset, Field,
     FieldChoice, Geometry, OpacityPoint, TransferFunction, UniformGrid, ValueScale,
 };
 
@@ -151,6 +152,47 @@ fn metres_and_nanometres_give_the_same_picture() {
     };
     let (rms, _) = difference(&picture(1.0), &picture(1e-9));
     assert!(rms < 1e-3, "{rms}");
+}
+
+#[test]
+fn without_a_cell_there_is_nothing_to_see() {
+    let picture = |blanked: bool, nowhere: bool| {
+        let mut scene = scene(Geometry::Curvilinear(positions(1.0, 0.0)), 3.0, linear);
+        let grid = if nowhere {
+            let num = POINTS.iter().product::<usize>();
+            let xyz = DataArray::from_vec(vec![f64::NAN; 3 * num], 3).expect("three components");
+            CurvilinearGrid::new(POINTS, xyz).expect("a position a point")
+        } else {
+            positions(1.0, 0.0)
+        };
+        let num_cells = POINTS.iter().map(|n| n - 1).product();
+        let mut mask = CellMask::new(num_cells);
+        (0..num_cells)
+            .filter(|_| blanked)
+            .for_each(|cell| mask.blank(cell));
+        let values = vec![1.0f32; num_cells];
+        let array = DataArray::from_vec(values, 1).expect("one component");
+        let field = Field::new("f", Association::Cell, array);
+        let volume = Dataset::new(Geometry::Curvilinear(grid), vec![field])
+            .and_then(|d| d.with_blanked_cells(mask))
+            .and_then(|d| d.volume(&FieldChoice::Only, ComponentChoice::Auto))
+            .expect("it fits together");
+        scene.data = volume.into();
+        let settings = RenderSettings {
+            width: 16,
+            height: 16,
+            ..Default::default()
+        };
+        let mut renderer = CpuRenderer::new(Some(1)).expect("a thread");
+        let rendering = renderer.render(&scene, &settings);
+        rendering.map(|r| r.frame.is_blank())
+    };
+    assert_eq!(picture(false, false).ok(), Some(false), "not blanked");
+    assert_eq!(picture(true, false).ok(), Some(true), "blanked");
+    assert!(matches!(
+        picture(false, true),
+        Err(RenderError::NoPositions)
+    ));
 }
 
 #[test]

@@ -182,6 +182,12 @@ impl GpuRenderer {
     ) -> Result<(), GpuError> {
         self.subgroups()?;
         self.check_variant(&cells)?;
+        if cells.mesh().num_cells() == 0 {
+            return Err(GpuError::Unsupported {
+                what: "a mesh without cells".to_owned(),
+                device: self.device.name().to_owned(),
+            });
+        }
         let start = Instant::now();
         let advised = self.device.info().max_allocation_bytes.max(1 << 28);
         let limit = self.options.max_buffer_bytes.unwrap_or(u64::MAX);
