@@ -11,16 +11,7 @@ use crate::kind::SynthError;
 use crate::mesh_cells::{Cells, check_points};
 
 /// Octants around a corner in VTK's order of a hexahedron.
-const OCTANTS: [[usize; 3]; 8] = [
-    [0, 0, 0],
-    [1, 0, 0],
-    [1, 1, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 0, 1],
-    [1, 1, 1],
-    [0, 1, 1],
-];
+const OCTANTS: [[usize; 3]; 8] = CellType::HEXAHEDRON_CORNERS;
 
 /// Corners of the faces of a hexahedron, each seen counter-clockwise from inside, and those opposite.
 const FACES: [([usize; 4], [usize; 4]); 6] = [

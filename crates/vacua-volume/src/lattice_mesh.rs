@@ -10,18 +10,6 @@ use crate::dataset::CellMask;
 use crate::grid::CurvilinearGrid;
 use crate::mesh::{CellType, UnstructuredMesh};
 
-/// Which corner of a lattice cell, x fastest, is each corner of a hexahedron.
-const LATTICE_CORNERS: [[usize; 3]; 8] = [
-    [0, 0, 0],
-    [1, 0, 0],
-    [1, 1, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 0, 1],
-    [1, 1, 1],
-    [0, 1, 1],
-];
-
 impl UnstructuredMesh {
     /// The cells of a curvilinear grid as hexahedra: the same numbers of points and cells, so that
     /// fields and masks of the grid are those of the mesh. Positions are shared.
@@ -63,7 +51,7 @@ fn hexahedra<T: Copy + Default + Send>(
         .for_each(|(row, cells)| {
             let (y, z) = (row % cy, row / cy);
             for (x, cell) in cells.chunks_exact_mut(8).enumerate() {
-                for (to, [i, j, k]) in cell.iter_mut().zip(LATTICE_CORNERS) {
+                for (to, [i, j, k]) in cell.iter_mut().zip(CellType::HEXAHEDRON_CORNERS) {
                     *to = number(x + i + nx * (y + j + ny * (z + k)));
                 }
             }

@@ -46,6 +46,18 @@ pub enum CellType {
 pub const MAX_CELL_POINTS: usize = 8;
 
 impl CellType {
+    /// Corners of a hexahedron in VTK's order, by their places along the axes of a lattice cell.
+    pub const HEXAHEDRON_CORNERS: [[usize; 3]; 8] = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [1, 1, 0],
+        [0, 1, 0],
+        [0, 0, 1],
+        [1, 0, 1],
+        [1, 1, 1],
+        [0, 1, 1],
+    ];
+
     /// All cell types, by their number.
     pub const ALL: [Self; 4] = [
         Self::Tetrahedron,
