@@ -16,6 +16,7 @@
 //!
 //! Source: paper B, §5.2 to §5.6, one sample at a time on a GPU. Deviation: many at a time.
 
+mod accepted;
 mod clusters;
 mod descend;
 mod gradients;

@@ -6,7 +6,7 @@ use vacua_volume::{Association, dispatch_scalar};
 
 use super::descend::{Leaf, meeting};
 use super::others::OtherBatch;
-use super::packets::{InLeaf, PacketBoxes, Packets};
+use super::packets::{InLeaves, PacketBoxes, Packets};
 use super::tets::{SLOTS, TetBatch};
 use super::values::{ClusterValues, Values};
 use super::{BlockSampler, Frame};
@@ -30,7 +30,7 @@ pub(super) struct Visited<'a> {
 pub(super) struct Batches<'a> {
     pub tets: &'a mut TetBatch,
     pub others: &'a mut OtherBatch,
-    pub in_leaf: &'a mut InLeaf,
+    pub in_leaves: &'a mut InLeaves,
 }
 
 impl BlockSampler<'_> {
@@ -65,7 +65,7 @@ impl BlockSampler<'_> {
         let Batches {
             tets,
             others,
-            in_leaf,
+            in_leaves,
         } = batches;
         let mut next = 0;
         loop {
@@ -74,12 +74,12 @@ impl BlockSampler<'_> {
                 (f.num_tets as usize, f.num_others as usize)
             });
             // In one place: what tests is long.
-            if tets.len > 0 && tets.len + num_tets > SLOTS {
+            if tets.len > 0 && (tets.len + num_tets > SLOTS || !tets.places.has_room()) {
                 tets.read(local, frame.rounding, &values, false);
-                self.test_tets::<S>(local, &values, tets, packets, in_leaf);
+                self.test_tets::<S>(local, &values, tets, packets);
             }
             if others.len > 0 && others.len + num_others > LANES {
-                others.test::<S>(local, &values, packets, in_leaf);
+                others.test::<S>(local, &values, packets, in_leaves);
                 others.clear();
             }
             let Some(found) = found else {
@@ -95,7 +95,7 @@ impl BlockSampler<'_> {
             let first = found.first_cell as usize;
             if num_tets > 0 {
                 part.counts = found.counts & COUNTS_OF_TETS;
-                tets.add(&part);
+                tets.add::<S>(&part, self.scale, packets);
             }
             if num_others > 0 {
                 part.counts = found.counts & !COUNTS_OF_TETS;

@@ -11,7 +11,7 @@ use crate::small::ClusterCell;
 
 use super::MAX_CORNERS;
 use super::descend::Leaf;
-use super::packets::{InLeaf, Packets, store};
+use super::packets::{InLeaves, Packets, store};
 use super::values::Values;
 use super::verdict::judge;
 
@@ -33,7 +33,7 @@ pub(super) struct OtherBatch {
 /// Pairs of cell and place.
 struct Pairs {
     at: [[f32; PAIRS]; 3],
-    number: [u32; PAIRS],
+    number: [i32; PAIRS],
     slot: [i32; PAIRS],
     len: usize,
 }
@@ -129,7 +129,7 @@ impl OtherBatch {
         submesh: &Submesh,
         values: &Values,
         packets: &mut Packets,
-        in_leaf: &mut InLeaf,
+        in_leaves: &mut InLeaves,
     ) {
         let mut cells = Cells::<S> {
             corners: [[S::F::splat(0.0); 3]; MAX_CORNERS],
@@ -159,11 +159,12 @@ impl OtherBatch {
         let mut slot = 0;
         for leaf in &self.leaves[..self.num_leaves] {
             let end = slot + usize::from(LeafCounts::unpack(leaf.counts).others);
-            packets.collect::<S>(leaf, 1.0, (2 * first_other(leaf)) as i32, in_leaf);
+            in_leaves.len = 0;
+            packets.collect::<S>(leaf, 1.0, (2 * first_other(leaf)) as i32, in_leaves);
             while slot < end {
                 let mut place = 0;
-                while place < in_leaf.len {
-                    let (at, lanes) = in_leaf.sixteen::<S>(place);
+                while place < in_leaves.len {
+                    let (at, lanes) = in_leaves.sixteen::<S>(place, in_leaves.len);
                     let within = per_axis!(i => {
                         let (lo, hi) = (lo[i][slot % LANES], hi[i][slot % LANES]);
                         S::F::splat(lo).le(at[i]) & at[i].le(S::F::splat(hi))
@@ -171,7 +172,7 @@ impl OtherBatch {
                     let within = within[0] & within[1] & within[2];
                     let lanes = within.to_bits() & lanes;
                     if lanes != 0 {
-                        pairs.add::<S>(at, &in_leaf.number[place..], lanes, slot);
+                        pairs.add::<S>(at, &in_leaves.number[place..], lanes, slot);
                         if pairs.len >= LANES {
                             self.judge_pairs::<S>(submesh, &cells, &pairs, LANES, packets);
                             pairs.drop_sixteen();
@@ -275,8 +276,7 @@ impl OtherBatch {
             accepted &= accepted - 1;
             let number = pairs.number[pair];
             let primitive = self.primitive[slots[pair] as usize % LANES];
-            if primitive < packets.primitive_of(number) {
-                packets.note(number, primitive, value[pair]);
+            if packets.note(number, primitive, value[pair]) {
                 packets.note_kind(number, true);
             }
         }
@@ -313,7 +313,7 @@ impl OtherBatch {
 impl Pairs {
     /// Adds some lanes, each with a cell's slot.
     #[inline(always)]
-    fn add<S: Simd>(&mut self, at: [S::F; 3], numbers: &[u32], lanes: u16, slot: usize) {
+    fn add<S: Simd>(&mut self, at: [S::F; 3], numbers: &[i32], lanes: u16, slot: usize) {
         let kept = S::M::from_bits(lanes);
         for axis in 0..3 {
             store::<S>(at[axis].compress(kept), &mut self.at[axis], self.len);

@@ -9,8 +9,9 @@ use super::{Frame, PACKETS, Places};
 
 /// Places of all packets.
 const PLACES: usize = PACKETS * LANES;
-/// Room for the places in a leaf: what is written past the last is overwritten.
-const ROOM: usize = PLACES + LANES;
+/// Room for the places in leaves: all of them in the last, after as many before. What is written past
+/// the last is overwritten.
+pub(super) const ROOM: usize = 2 * PLACES + LANES;
 /// Of a place in no cell: above all primitives.
 pub(super) const NOT_FOUND: i32 = i32::MAX;
 
@@ -46,14 +47,14 @@ pub(super) struct Packets<'a> {
     pub is_mixed: bool,
 }
 
-/// The places in a leaf, one after the other, and their numbers among those of all packets.
-pub(super) struct InLeaf {
+/// The places in leaves, one after the other, and their numbers among those of all packets.
+pub(super) struct InLeaves {
     pub at: [[f32; ROOM]; 3],
-    pub number: [u32; ROOM],
+    pub number: [i32; ROOM],
     pub len: usize,
 }
 
-impl InLeaf {
+impl InLeaves {
     pub fn new() -> Self {
         Self {
             at: [[0.0; ROOM]; 3],
@@ -62,11 +63,17 @@ impl InLeaf {
         }
     }
 
-    /// The sixteen from a place on: coordinates, and which of the lanes are there.
+    /// Whether there is room for the places in one more leaf, however many.
     #[inline(always)]
-    pub fn sixteen<S: Simd>(&self, from: usize) -> ([S::F; 3], u16) {
+    pub fn has_room(&self) -> bool {
+        self.len + PLACES + LANES <= ROOM
+    }
+
+    /// The sixteen from a place on: coordinates, and which of the lanes are before an end.
+    #[inline(always)]
+    pub fn sixteen<S: Simd>(&self, from: usize, end: usize) -> ([S::F; 3], u16) {
         let at = per_axis!(i => load::<S>(&self.at[i], from));
-        let left = self.len - from;
+        let left = end - from;
         let lanes = if left < LANES {
             (1u16 << left) - 1
         } else {
@@ -148,17 +155,17 @@ impl<'a> Packets<'a> {
         }
     }
 
-    /// Collects the live places in a leaf that no primitive before `first` has accepted; their
-    /// coordinates are multiplied by `scale`.
+    /// Collects the live places in a leaf that no primitive before `first` has accepted, after those
+    /// in other leaves; their coordinates are multiplied by `scale`. There must be room for them.
     #[inline(always)]
-    pub fn collect<S: Simd>(&self, leaf: &Leaf, scale: f32, first: i32, found: &mut InLeaf) {
+    pub fn collect<S: Simd>(&self, leaf: &Leaf, scale: f32, first: i32, found: &mut InLeaves) {
         let (lo, hi) = (
             per_axis!(a => S::F::splat(leaf.lo[a])),
             per_axis!(a => S::F::splat(leaf.hi[a])),
         );
         let (first, scale) = (S::I::splat(first), S::F::splat(scale));
         let lane_numbers = S::I::from_array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
-        let mut len = 0;
+        let mut len = found.len;
         for packet in bits(leaf.packets) {
             let grid = &self.grid[packet];
             let within = per_axis!(a => {
@@ -167,67 +174,47 @@ impl<'a> Packets<'a> {
             });
             let best = load_i::<S>(&self.primitive, packet * LANES);
             let within = within[0] & within[1] & within[2] & first.lt(best);
+            // None as a rule as often as some: written without a branch.
             let lanes = within.to_bits() & self.live[packet];
-            if lanes == 0 {
-                continue;
-            }
             let kept = S::M::from_bits(lanes);
             for axis in 0..3 {
                 let at = (S::F::from_array(self.at[packet][axis]) * scale).compress(kept);
                 store::<S>(at, &mut found.at[axis], len);
             }
             let numbers = lane_numbers + S::I::splat((packet * LANES) as i32);
-            let numbers = S::f_from_bits(numbers).compress(kept).to_bits().to_array();
-            if let Some(sixteen) = found
-                .number
-                .get_mut(len..)
-                .and_then(|r| r.first_chunk_mut())
-            {
-                *sixteen = as_unsigned(numbers);
-            }
+            let numbers = S::f_from_bits(numbers).compress(kept).to_bits();
+            store_i::<S>(numbers, &mut found.number, len);
             len += lanes.count_ones() as usize;
         }
         found.len = len;
     }
 
     /// One of the places.
-    pub fn place(&self, number: u32) -> [f32; 3] {
+    pub fn place(&self, number: i32) -> [f32; 3] {
         let (packet, lane) = (number as usize / LANES, number as usize % LANES);
         let at = self.at.get(packet);
         [0, 1, 2].map(|axis| at.map_or(f32::NAN, |at| at[axis][lane]))
     }
 
-    /// The lowest primitive that accepts a place so far.
+    /// Notes that a primitive accepts a place, and the value there, unless a lower one does; says whether
+    /// none did.
     #[inline(always)]
-    pub fn primitive_of(&self, number: u32) -> i32 {
-        self.primitive[number as usize % PLACES]
-    }
-
-    /// Notes the cell of a place, and the value.
-    #[inline(always)]
-    pub fn note(&mut self, number: u32, primitive: i32, value: f32) {
+    pub fn note(&mut self, number: i32, primitive: i32, value: f32) -> bool {
         let number = number as usize % PLACES;
-        self.primitive[number] = primitive;
-        self.value[number] = value;
+        let (best, best_value) = (self.primitive[number], self.value[number]);
+        let is_lower = primitive < best;
+        self.primitive[number] = if is_lower { primitive } else { best };
+        self.value[number] = if is_lower { value } else { best_value };
+        is_lower
     }
 
     /// Notes whether the cell of a place is no tetrahedron.
     #[inline(always)]
-    pub fn note_kind(&mut self, number: u32, is_other: bool) {
+    pub fn note_kind(&mut self, number: i32, is_other: bool) {
         let (packet, lane) = (number as usize / LANES % PACKETS, number as usize % LANES);
         self.others[packet] &= !(1 << lane);
         self.others[packet] |= u16::from(is_other) << lane;
     }
-}
-
-/// Sixteen numbers, all of them positive.
-#[inline(always)]
-fn as_unsigned(numbers: [i32; LANES]) -> [u32; LANES] {
-    let mut unsigned = [0; LANES];
-    for i in 0..LANES {
-        unsigned[i] = numbers[i] as u32;
-    }
-    unsigned
 }
 
 /// As [`load`] for integers.
@@ -236,5 +223,13 @@ pub(super) fn load_i<S: Simd>(values: &[i32], from: usize) -> S::I {
     match values.get(from..).and_then(|rest| rest.first_chunk()) {
         Some(sixteen) => S::I::from_array(*sixteen),
         None => S::I::splat(0),
+    }
+}
+
+/// As [`store`] for integers.
+#[inline(always)]
+pub(super) fn store_i<S: Simd>(values: S::I, to: &mut [i32], from: usize) {
+    if let Some(sixteen) = to.get_mut(from..).and_then(|rest| rest.first_chunk_mut()) {
+        *sixteen = values.to_array();
     }
 }

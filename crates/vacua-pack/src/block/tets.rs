@@ -14,8 +14,9 @@ use crate::layout::{LeafCounts, PAIR_INDICES, TET_INDICES};
 use crate::packed::Submesh;
 use crate::pairs::tets_of;
 
+use super::accepted::Accepted;
 use super::descend::Leaf;
-use super::packets::{load, store};
+use super::packets::{InLeaves, Packets, load, store};
 use super::values::Values;
 
 /// Bound on the rounding of a volume, in units of the volume of the leaf's box: the last of the
@@ -56,7 +57,7 @@ pub(super) fn is_round<S: Simd>([b, c, d]: [[S::F; 3]; 3], whole: S::F) -> S::M 
     (sides[0] * sides[1] * sides[2]).lt(whole * S::F::splat(FLAT)) & S::F::splat(1e-30).lt(whole)
 }
 
-/// Tetrahedra of some leaves.
+/// Tetrahedra of some leaves, and the places in those.
 pub(super) struct TetBatch {
     /// How many there are.
     pub len: usize,
@@ -64,8 +65,14 @@ pub(super) struct TetBatch {
     pub(super) primitive: [i32; SLOTS],
     /// Bound on the rounding of each one's volumes.
     rounding: [f32; SLOTS],
-    leaves: [Leaf; SLOTS],
-    num_leaves: usize,
+    pub(super) leaves: [Leaf; SLOTS],
+    pub(super) num_leaves: usize,
+    /// The places in the leaves, leaf after leaf.
+    pub(super) places: InLeaves,
+    /// Where among the places those of the next leaf begin.
+    pub(super) ends: [usize; SLOTS],
+    /// Those of the places that tetrahedra accept.
+    pub(super) accepted: Accepted,
     pub(super) planes: Planes,
 }
 
@@ -107,6 +114,9 @@ impl TetBatch {
             rounding: [0.0; SLOTS],
             leaves: [Leaf::default(); SLOTS],
             num_leaves: 0,
+            places: InLeaves::new(),
+            ends: [0; SLOTS],
+            accepted: Accepted::new(),
             planes: Planes {
                 corner: [zeros; 3],
                 normals: [[zeros; 3]; 3],
@@ -122,28 +132,31 @@ impl TetBatch {
         }
     }
 
-    /// Whether there is room for the tetrahedra of a leaf.
+    /// Whether there is room for the tetrahedra of a leaf, and the places in it.
     #[inline(always)]
     pub fn has_room(&self, leaf: &Leaf) -> bool {
-        self.len + num_tets(leaf) <= SLOTS
+        self.len + num_tets(leaf) <= SLOTS && self.places.has_room()
     }
 
-    /// Adds the tetrahedra of a leaf, if it has any; there must be room for them.
+    /// Adds the tetrahedra of a leaf, if it has any, and the live places in it, multiplied by `scale`;
+    /// there must be room for them. A leaf without a place is left out, so that its cells are not set
+    /// up.
     #[inline(always)]
-    pub fn add(&mut self, leaf: &Leaf) {
+    pub fn add<S: Simd>(&mut self, leaf: &Leaf, scale: f32, packets: &Packets) {
         let tets = num_tets(leaf);
-        // A full batch has room for a leaf without any, but not for that leaf.
-        if tets > 0 {
-            self.leaves[self.num_leaves % SLOTS] = *leaf;
-            self.num_leaves += 1;
-            self.len += tets;
+        if tets == 0 {
+            return;
         }
-    }
-
-    /// Their leaves.
-    #[inline(always)]
-    pub fn leaves(&self) -> &[Leaf] {
-        &self.leaves[..self.num_leaves]
+        let before = self.places.len;
+        let first = leaf.first_index.wrapping_mul(2) as i32;
+        packets.collect::<S>(leaf, scale, first, &mut self.places);
+        if self.places.len == before {
+            return;
+        }
+        self.leaves[self.num_leaves % SLOTS] = *leaf;
+        self.ends[self.num_leaves % SLOTS] = self.places.len;
+        self.num_leaves += 1;
+        self.len += tets;
     }
 
     /// Reads the indices of all tetrahedra; asks for the positions and values of their corners if
@@ -208,6 +221,7 @@ impl TetBatch {
     pub fn clear(&mut self) {
         self.len = 0;
         self.num_leaves = 0;
+        self.places.len = 0;
     }
 
     /// Computes the planes of all tetrahedra, which have been read; coordinates are multiplied by
@@ -312,11 +326,14 @@ impl TetBatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::block::PACKETS;
+    use vacua_simd::Portable;
 
     #[test]
     fn a_full_batch_loses_no_leaf() {
         let leaf = |first_index, counts: LeafCounts| Leaf {
             first_index,
+            packets: 1,
             counts: counts.pack().expect("fits"),
             ..Leaf::default()
         };
@@ -328,15 +345,45 @@ mod tests {
             others: 1,
             ..LeafCounts::default()
         };
+        // One place, which is in every leaf: all have the box around the origin.
+        let at = [[[0.0; LANES]; 3]];
+        let mut live = [0; PACKETS];
+        live[0] = 1;
+        let packets = Packets::new(&at, live);
+        let add = |batch: &mut TetBatch, leaf| batch.add::<Portable>(&leaf, 1.0, &packets);
         let mut batch = TetBatch::new();
         for i in 0..SLOTS as u32 {
             assert!(batch.has_room(&leaf(i, one)));
-            batch.add(&leaf(i, one));
+            add(&mut batch, leaf(i, one));
         }
         assert!(!batch.has_room(&leaf(99, one)));
         assert!(batch.has_room(&leaf(99, other)));
-        batch.add(&leaf(99, other));
-        let firsts = batch.leaves().iter().map(|leaf| leaf.first_index);
+        add(&mut batch, leaf(99, other));
+        let firsts = batch.leaves[..batch.num_leaves]
+            .iter()
+            .map(|leaf| leaf.first_index);
         assert!(firsts.eq(0..SLOTS as u32));
+        assert_eq!(batch.places.len, SLOTS);
+    }
+
+    #[test]
+    fn a_leaf_without_places_is_left_out() {
+        let leaf = Leaf {
+            packets: 1,
+            lo: [1.0; 3],
+            hi: [2.0; 3],
+            counts: LeafCounts {
+                tets: 1,
+                ..LeafCounts::default()
+            }
+            .pack()
+            .expect("fits"),
+            ..Leaf::default()
+        };
+        let at = [[[0.0; LANES]; 3]];
+        let packets = Packets::new(&at, [u16::MAX; PACKETS]);
+        let mut batch = TetBatch::new();
+        batch.add::<Portable>(&leaf, 1.0, &packets);
+        assert_eq!((batch.len, batch.num_leaves), (0, 0));
     }
 }

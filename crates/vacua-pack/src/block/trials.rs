@@ -11,7 +11,8 @@ use crate::element::weights_at;
 use crate::layout::TET_INDICES;
 use crate::packed::Submesh;
 
-use super::packets::{InLeaf, NOT_FOUND, Packets, load};
+use super::accepted::OneAccepted;
+use super::packets::{Packets, load, load_i};
 use super::tets::{Planes, SLOTS, TetBatch, dot, num_tets};
 
 /// Volumes that places make with the faces of tetrahedra, each the same lane's.
@@ -20,8 +21,8 @@ struct Volumes<S: Simd> {
     v: S::F,
     w: S::F,
     /// The lanes of which the place is inside for certain, and outside for certain.
-    inside: u16,
-    outside: u16,
+    inside: S::M,
+    outside: S::M,
 }
 
 /// Which sixteen numbers of an array are meant. No closure, as those may be compiled without the
@@ -65,8 +66,8 @@ impl Planes {
         let least = u.min(v).min(w.min(whole - (u + v + w)));
         let bound = pick.of::<S>(&self.bound);
         Volumes {
-            inside: bound.lt(least).to_bits(),
-            outside: least.lt(S::F::splat(0.0) - bound).to_bits(),
+            inside: bound.lt(least),
+            outside: least.lt(S::F::splat(0.0) - bound),
             u,
             v,
             w,
@@ -91,93 +92,76 @@ impl Planes {
 }
 
 impl TetBatch {
-    /// Finds the places in each leaf and notes, for each, the lowest primitive that accepts it and
-    /// its value.
+    /// Notes, for each place in each leaf, the lowest primitive that accepts it and its value.
     #[inline(always)]
-    pub fn test<S: Simd>(
-        &self,
-        submesh: &Submesh,
-        scale: f32,
-        packets: &mut Packets,
-        in_leaf: &mut InLeaf,
-    ) {
-        let mut from = 0;
-        for leaf in self.leaves() {
-            let to = from + num_tets(leaf);
-            let first = leaf.first_index.wrapping_mul(2) as i32;
-            packets.collect::<S>(leaf, scale, first, in_leaf);
-            if 2 * in_leaf.len <= to - from {
-                for place in 0..in_leaf.len {
-                    self.test_one::<S>(submesh, from..to, place, packets, in_leaf);
+    pub fn test<S: Simd>(&mut self, submesh: &Submesh, packets: &mut Packets) {
+        self.accepted.clear();
+        let (mut slot, mut place) = (0, 0);
+        for leaf in 0..self.num_leaves {
+            let end = self.ends[leaf % SLOTS];
+            let slots = slot..slot + num_tets(&self.leaves[leaf % SLOTS]);
+            slot = slots.end;
+            if 2 * (end - place) <= slots.len() {
+                while place < end {
+                    self.test_one::<S>(submesh, slots.clone(), place, packets);
+                    place += 1;
                 }
-                from = to;
-                continue;
+            } else {
+                while place < end {
+                    self.test_sixteen::<S>(submesh, slots.clone(), place, end, packets);
+                    place += LANES;
+                }
             }
-            let mut place = 0;
-            while place < in_leaf.len {
-                self.test_sixteen::<S>(submesh, from..to, place, packets, in_leaf);
-                place += LANES;
-            }
-            from = to;
+            place = end;
+        }
+        for i in 0..self.accepted.len() {
+            self.note(submesh, self.accepted.get(i), packets);
         }
     }
 
+    /// Sixteen places of a leaf, tried on one tetrahedron after the other, from the last to the first:
+    /// what a lower one accepts replaces what was found before, without a branch.
     #[inline(always)]
     fn test_sixteen<S: Simd>(
-        &self,
+        &mut self,
         submesh: &Submesh,
         slots: Range<usize>,
         place: usize,
+        end: usize,
         packets: &mut Packets,
-        in_leaf: &InLeaf,
     ) {
-        let (at, lanes) = in_leaf.sixteen::<S>(place);
-        let mut open = lanes;
-        let mut best = S::f_from_bits(S::I::splat(NOT_FOUND));
+        let (at, lanes) = self.places.sixteen::<S>(place, end);
+        let none = S::M::from_bits(0);
+        let (mut found, mut doubt) = (none, none);
         let mut value = S::F::splat(0.0);
-        for slot in slots {
-            let slot = slot % SLOTS;
-            let pick = One(slot);
+        let mut in_slot = S::F::splat(0.0);
+        for slot in slots.clone().rev() {
+            let pick = One(slot % SLOTS);
             let volumes = self.planes.volumes::<S>(at, pick);
-            let mut accepted = volumes.inside & open;
-            let doubt = open & !volumes.inside & !volumes.outside;
-            if doubt != 0 {
-                accepted |= self.decide(submesh, slot, doubt, place, packets, in_leaf);
-            }
-            if accepted == 0 {
-                continue;
-            }
-            let mut here = self.planes.values::<S>(&volumes, pick);
-            if self.planes.flat >> slot & 1 == 1 {
-                let mut values = here.to_array();
-                self.interpolate_flat(
-                    submesh,
-                    slot,
-                    accepted,
-                    place,
-                    packets,
-                    in_leaf,
-                    &mut values,
-                );
-                here = S::F::from_array(values);
-            }
-            let mask = S::M::from_bits(accepted);
-            value = here.select(mask, value);
-            best = S::f_from_bits(S::I::splat(self.primitive[slot])).select(mask, best);
-            open &= !accepted;
-            if open == 0 {
-                break;
-            }
+            let inside = volumes.inside;
+            let here = self.planes.values::<S>(&volumes, pick);
+            value = here.select(inside, value);
+            in_slot = S::f_from_bits(S::I::splat(slot as i32)).select(inside, in_slot);
+            found = found | inside;
+            doubt = (doubt | !volumes.outside) & !inside;
         }
-        let (best, value) = (best.to_bits().to_array(), value.to_array());
-        let mut found = lanes & !open;
-        while found != 0 {
-            let lane = found.trailing_zeros() as usize;
-            found &= found - 1;
-            let number = in_leaf.number[place + lane];
-            packets.note(number, best[lane], value[lane]);
-            if packets.is_mixed {
-                packets.note_kind(number, false);
+        let mut doubt = doubt.to_bits() & lanes;
+        let found = found.to_bits() & lanes & !doubt;
+        let number = load_i::<S>(&self.places.number, place);
+        self.accepted
+            .add::<S>(found, number, in_slot.to_bits(), value);
+        while doubt != 0 {
+            let lane = doubt.trailing_zeros() as usize;
+            doubt &= doubt - 1;
+            if let Some(slot) = self.decide(submesh, slots.clone(), place + lane, packets) {
+                let pick = One(slot % SLOTS);
+                let volumes = self.planes.volumes::<S>(at, pick);
+                let accepted = OneAccepted {
+                    number: self.places.number[place + lane],
+                    slot: slot as i32,
+                    value: self.planes.values::<S>(&volumes, pick).to_array()[lane],
+                };
+                self.note(submesh, accepted, packets);
             }
         }
     }
@@ -185,96 +169,89 @@ impl TetBatch {
     /// One place, tried on sixteen tetrahedra at a time.
     #[inline(always)]
     fn test_one<S: Simd>(
-        &self,
+        &mut self,
         submesh: &Submesh,
         slots: Range<usize>,
         place: usize,
         packets: &mut Packets,
-        in_leaf: &InLeaf,
     ) {
-        let number = in_leaf.number[place];
-        let at = per_axis!(i => S::F::splat(in_leaf.at[i][place]));
+        let number = self.places.number[place];
+        let at = per_axis!(i => S::F::splat(self.places.at[i][place]));
         let mut from = slots.start;
         while from < slots.end {
             let there = ((1u32 << (slots.end - from).min(LANES)) - 1) as u16;
             let pick = Sixteen(from);
             let volumes = self.planes.volumes::<S>(at, pick);
-            let mut maybe = there & !volumes.outside;
-            if maybe == 0 {
-                from += LANES;
-                continue;
-            }
             let values = self.planes.values::<S>(&volumes, pick).to_array();
-            while maybe != 0 {
-                let lane = maybe.trailing_zeros() as usize;
-                maybe &= maybe - 1;
-                let slot = (from + lane) % SLOTS;
-                if volumes.inside >> lane & 1 == 0
-                    && self.decide(submesh, slot, 1, place, packets, in_leaf) == 0
-                {
-                    continue;
+            let inside = volumes.inside.to_bits() & there;
+            let doubt = there & !volumes.inside.to_bits() & !volumes.outside.to_bits();
+            let lane = inside.trailing_zeros() as usize;
+            let mut accepted = OneAccepted {
+                number,
+                slot: (from + lane) as i32,
+                value: values[lane % LANES],
+            };
+            // A cell in doubt before that one?
+            if u32::from(doubt).trailing_zeros() < inside.trailing_zeros() {
+                let slots = from..slots.end.min(from + LANES);
+                if let Some(slot) = self.decide(submesh, slots, place, packets) {
+                    accepted.slot = slot as i32;
+                    accepted.value = values[(slot - from) % LANES];
+                    self.note(submesh, accepted, packets);
                 }
-                let mut value = [values[lane]; LANES];
-                if self.planes.flat >> slot & 1 == 1 {
-                    self.interpolate_flat(submesh, slot, 1, place, packets, in_leaf, &mut value);
-                }
-                packets.note(number, self.primitive[slot], value[0]);
-                if packets.is_mixed {
-                    packets.note_kind(number, false);
-                }
-                return;
+            } else {
+                self.accepted.add_one(accepted, usize::from(inside != 0));
             }
             from += LANES;
         }
     }
 
-    /// The lanes of those in doubt whose place the scalar code accepts.
+    /// Notes that a tetrahedron accepts a place, unless a lower one does, and the value there.
+    #[inline(always)]
+    fn note(&self, submesh: &Submesh, accepted: OneAccepted, packets: &mut Packets) {
+        let OneAccepted {
+            number,
+            slot,
+            mut value,
+        } = accepted;
+        let slot = slot as usize % SLOTS;
+        if self.planes.flat >> slot & 1 == 1 {
+            value = self.interpolate_flat(submesh, slot, packets.place(number));
+        }
+        if packets.note(number, self.primitive[slot], value) && packets.is_mixed {
+            packets.note_kind(number, false);
+        }
+    }
+
+    /// The first of some tetrahedra of which the scalar code says that it accepts a place.
     #[cold]
     #[inline(never)]
     fn decide(
         &self,
         submesh: &Submesh,
-        slot: usize,
-        doubt: u16,
+        mut slots: Range<usize>,
         place: usize,
         packets: &Packets,
-        in_leaf: &InLeaf,
-    ) -> u16 {
-        let mut accepted = 0;
-        for lane in (0..LANES).filter(|lane| doubt >> lane & 1 == 1) {
-            let at = packets.place(in_leaf.number[place + lane]);
-            accepted |= u16::from(self.weights(submesh, slot, at).is_some()) << lane;
-        }
-        accepted
+    ) -> Option<usize> {
+        let at = packets.place(self.places.number[place]);
+        slots.find(|slot| self.weights(submesh, slot % SLOTS, at).is_some())
     }
 
-    /// Values of some lanes in a tetrahedron that is too flat for weights in `f32`.
+    /// The value at a place in a tetrahedron that is too flat for weights in `f32`.
     #[cold]
     #[inline(never)]
-    fn interpolate_flat(
-        &self,
-        submesh: &Submesh,
-        slot: usize,
-        lanes: u16,
-        place: usize,
-        packets: &Packets,
-        in_leaf: &InLeaf,
-        values: &mut [f32; LANES],
-    ) {
+    fn interpolate_flat(&self, submesh: &Submesh, slot: usize, at: [f32; 3]) -> f32 {
         let planes = &self.planes;
-        for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
-            let at = packets.place(in_leaf.number[place + lane]);
-            let weights = self.weights(submesh, slot, at).unwrap_or_default();
-            let mut value = planes.first[slot];
-            for k in 0..3 {
-                value = (weights[k + 1] as f32).mul_add(planes.more[k][slot], value);
-            }
-            let (least, largest) = (planes.least[slot], planes.largest[slot]);
-            values[lane] = if least <= largest {
-                value.max(least).min(largest)
-            } else {
-                f32::NAN
-            };
+        let weights = self.weights(submesh, slot, at).unwrap_or_default();
+        let mut value = planes.first[slot];
+        for k in 0..3 {
+            value = (weights[k + 1] as f32).mul_add(planes.more[k][slot], value);
+        }
+        let (least, largest) = (planes.least[slot], planes.largest[slot]);
+        if least <= largest {
+            value.max(least).min(largest)
+        } else {
+            f32::NAN
         }
     }
 

@@ -14,7 +14,7 @@ use crate::small::Cache;
 use super::clusters::{Batches, Visited};
 use super::descend::{Leaf, NodeLeaves, Visit, outer_items, visit_node};
 use super::others::OtherBatch;
-use super::packets::{InLeaf, NOT_FOUND, PacketBoxes, PacketMask, Packets, load, load_i};
+use super::packets::{InLeaves, NOT_FOUND, PacketBoxes, PacketMask, Packets, load, load_i};
 use super::tets::TetBatch;
 use super::values::Values;
 use super::{BlockSampler, Order, Sampled};
@@ -26,7 +26,7 @@ pub(super) struct Scratch {
     items: Vec<Visit>,
     tets: TetBatch,
     others: OtherBatch,
-    in_leaf: InLeaf,
+    in_leaves: InLeaves,
     leaves: NodeLeaves,
     /// Decoded clusters, for a mesh that has them.
     cache: Option<Box<Cache>>,
@@ -44,7 +44,7 @@ impl Scratch {
             items: Vec::new(),
             tets: TetBatch::new(),
             others: OtherBatch::new(),
-            in_leaf: InLeaf::new(),
+            in_leaves: InLeaves::new(),
             leaves: NodeLeaves {
                 leaves: [Leaf::default(); WIDTH],
                 len: 0,
@@ -178,7 +178,7 @@ impl BlockSampler<'_> {
             stack,
             tets,
             others,
-            in_leaf,
+            in_leaves,
             leaves,
             cache,
             ..
@@ -205,7 +205,7 @@ impl BlockSampler<'_> {
                     let batches = Batches {
                         tets,
                         others,
-                        in_leaf,
+                        in_leaves,
                     };
                     self.visit_cluster::<S>(&visited, &boxes, packets, batches, cache);
                 }
@@ -218,7 +218,7 @@ impl BlockSampler<'_> {
                     && tets.has_room(leaf)
                     && others.has_room(leaf)
                 {
-                    tets.add(leaf);
+                    tets.add::<S>(leaf, self.scale, packets);
                     others.add(leaf);
                     next += 1;
                 }
@@ -227,11 +227,11 @@ impl BlockSampler<'_> {
                     let is_far = order == Order::Scattered;
                     if tets.len > 0 {
                         tets.read(submesh, self.frames[number].rounding, &values, is_far);
-                        self.test_tets::<S>(submesh, &values, tets, packets, in_leaf);
+                        self.test_tets::<S>(submesh, &values, tets, packets);
                     }
                     if others.len > 0 {
                         others.read(submesh, &values, is_far);
-                        others.test::<S>(submesh, &values, packets, in_leaf);
+                        others.test::<S>(submesh, &values, packets, in_leaves);
                         others.clear();
                     }
                 }
@@ -253,10 +253,9 @@ impl BlockSampler<'_> {
         values: &Values,
         tets: &mut TetBatch,
         packets: &mut Packets,
-        in_leaf: &mut InLeaf,
     ) {
         tets.set_up::<S>(submesh, self.scale, values);
-        tets.test::<S>(submesh, self.scale, packets, in_leaf);
+        tets.test::<S>(submesh, packets);
         tets.clear();
     }
 
@@ -267,7 +266,7 @@ impl BlockSampler<'_> {
         let mut locator = self.mesh.locator();
         for packet in bits(packets.mask()) {
             for lane in (0..LANES).filter(|lane| packets.live[packet] >> lane & 1 == 1) {
-                let place = packets.place((packet * LANES + lane) as u32);
+                let place = packets.place((packet * LANES + lane) as i32);
                 let location = locator.locate_local(place.map(f64::from));
                 if let (Some(location), Some(sampled)) = (location, sampled.get_mut(packet)) {
                     self.set(&location, lane, sampled);
