@@ -26,6 +26,10 @@ const LEAST_TILES: usize = 8;
 /// Macrocell sides that are tried. The first is measured twice, once to warm up.
 const SIDES: [usize; 3] = [8, 4, 16];
 
+/// The same for meshes, whose lattice has some cells in each cube already: at most 2 bytes a cell of
+/// the mesh at side 1, and a quarter of one at side 2.
+const MESH_SIDES: [usize; 3] = [4, 2, 1];
+
 /// Bytes of macrocells that the finest side may take, as a share of the voxels: those of a byte.
 const FINEST_SHARE: f64 = 0.13;
 
@@ -56,10 +60,11 @@ pub(crate) fn choose(
         let reason = "the picture is too small to measure".to_owned();
         return Ok(Choice { stage, reason });
     }
-    let voxel_bytes = volume.data.scalars().bytes().len();
     let sides: Vec<usize> = match side {
         Some(side) => vec![side],
+        None if volume.packed.is_some() => MESH_SIDES.to_vec(),
         None => {
+            let voxel_bytes = volume.data.scalars().bytes().len();
             let affordable = |side: usize| {
                 let bytes = 8.0 * volume.data.scalars().tuples() as f64 / (side as f64).powi(3);
                 side == 8 || bytes <= FINEST_SHARE * voxel_bytes as f64
@@ -67,9 +72,9 @@ pub(crate) fn choose(
             SIDES.into_iter().filter(|&side| affordable(side)).collect()
         }
     };
-    if sides.contains(&4) {
+    if let Some(&finest) = sides.iter().min() {
         // Coarser macrocells are made from finer ones.
-        volume.macrocells(seen.detail, 4)?;
+        volume.macrocells(seen.detail, finest)?;
     }
     let mut measured: Vec<(f64, SkipStage)> = Vec::new();
     let timed = |volume: &VolumeStage, stage: &SkipStage| {
