@@ -10,6 +10,7 @@
 //! a node's ranges:     8 × (lo u8, hi u8), by child, leaf or inner; lo > hi where there is none
 //! ```
 
+mod all;
 mod part;
 
 pub(crate) use part::{FieldPart, FieldRanges, cells_before};

@@ -4,7 +4,8 @@ mod common;
 
 use common::{CUTS, Cut, Random, lattice};
 use vacua_pack::{
-    BlockSampler, EncodeOptions, Encoded, PackedCell, PackedField, Variant, encode, weights_at,
+    BlockSampler, EncodeOptions, Encoded, PackedCell, PackedField, PackedMesh, Variant, encode,
+    weights_at,
 };
 use vacua_simd::LANES;
 use vacua_synth::{MeshKind, MeshSpec, generate_mesh};
@@ -79,7 +80,7 @@ fn samples_have_the_bits_of_the_other_variants() {
         for jitter in [0.0, 0.2] {
             let mesh = lattice(8, cut, jitter, 5).mesh();
             let mut random = Random(4);
-            let values = (0..mesh.num_points()).map(|_| random.between(-3.0, 9.0) as f32);
+            let values = (0..mesh.positions().tuples()).map(|_| random.between(-3.0, 9.0) as f32);
             let values = DataArray::from_vec(values.collect(), 1).expect("column");
             let numbers = DataArray::from_vec((0..mesh.num_cells() as u32).collect(), 1);
             let numbers = numbers.expect("column");
@@ -182,5 +183,33 @@ fn every_kind_of_cell_is_smaller() {
         };
         let (two, small) = (bytes(Variant::MultiNodes), bytes(Variant::Small));
         assert!(small < 0.66 * two, "{cut:?}: {small} against {two}");
+    }
+}
+
+/// Default colours look at all values, or at every so many.
+#[test]
+fn values_in_frames_are_looked_at_as_others_are() {
+    let mesh = lattice(12, Cut::Mixed, 0.1, 3).mesh();
+    for (association, count) in [
+        (Association::Point, mesh.positions().tuples()),
+        (Association::Cell, mesh.num_cells()),
+    ] {
+        let values: Vec<f32> = (0..count).map(|i| 293.0 + (i as f32).sqrt()).collect();
+        let values = DataArray::from_vec(values, 1).expect("one component");
+        let [two, small] = [Variant::MultiNodes, Variant::Small].map(|variant| {
+            let encoded = encoded(&mesh, variant, 16);
+            (pack(&encoded, association, &values), encoded.mesh)
+        });
+        assert_eq!(small.0.profile(&small.1), two.0.profile(&two.1));
+        let sorted = |(field, mesh): &(PackedField, PackedMesh), most| {
+            let values = field.some_values(mesh, most);
+            let mut values: Vec<f64> = (0..values.tuples()).map(|i| values.get_f64(i, 0)).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        // Shared vertices are there once a sub-mesh, and this mesh has but one.
+        assert_eq!(sorted(&small, usize::MAX), sorted(&two, usize::MAX));
+        let few = sorted(&small, 100);
+        assert!((50..=100).contains(&few.len()), "{}", few.len());
     }
 }

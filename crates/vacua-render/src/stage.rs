@@ -46,7 +46,7 @@ impl VolumeStage {
             None => data.geometry().and_then(RaySpace::of_planes),
         };
         let space = space.ok_or(RenderError::NoPositions)?;
-        let profile = data.scalars().profile(0);
+        let profile = data.profile();
         let range = profile.range;
         let map = match (scale, range) {
             (ValueScale::Linear, Some(range)) => {

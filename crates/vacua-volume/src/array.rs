@@ -302,7 +302,7 @@ pub struct ValueProfile {
 
 impl ValueProfile {
     /// Of no numbers.
-    const EMPTY: Self = Self {
+    pub const EMPTY: Self = Self {
         range: None,
         plain: true,
     };
@@ -330,7 +330,9 @@ impl ValueProfile {
         }
     }
 
-    fn union(self, other: Self) -> Self {
+    /// What is known of these numbers and others together.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
         let range = match (self.range, other.range) {
             (Some(a), Some(b)) => Some(a.union(b)),
             (a, b) => a.or(b),

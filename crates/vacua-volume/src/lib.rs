@@ -29,8 +29,8 @@ pub use mesh::{Cell, CellType, Indices, LeftOut, MAX_CELL_POINTS, MeshError, Uns
 pub use range::{ValueMap, ValueRange};
 pub use scalar::{Scalar, ScalarType, UnknownScalarType};
 pub use style::{
-    DEFAULT_RAMP_OPACITY, OpacityStyle, StyleError, TransferStyle, default_transfer_function,
-    default_unit_length, percentile_range,
+    DEFAULT_RAMP_OPACITY, OpacityStyle, PERCENTILE_SAMPLES, StyleError, TransferStyle,
+    default_transfer_function, default_unit_length, percentile_range,
 };
 pub use transfer::{
     ColorPoint, OpacityPoint, TRANSFER_BINS, TransferFunction, TransferFunctionError,

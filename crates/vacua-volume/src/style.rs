@@ -25,7 +25,7 @@ const UNITS_PER_SIDE: f64 = 100.0;
 /// The percentiles that the default range of values spans.
 const PERCENTILES: [f64; 2] = [0.02, 0.98];
 /// Values looked at for the percentiles; larger arrays are sampled.
-const PERCENTILE_SAMPLES: usize = 1 << 19;
+pub const PERCENTILE_SAMPLES: usize = 1 << 19;
 
 /// How opacity follows from the value.
 #[derive(Clone, Debug, PartialEq)]
@@ -259,20 +259,26 @@ pub fn default_unit_length(bounds: Bounds) -> f64 {
 /// an array with one component; `None` if there are none.
 ///
 /// A large array is sampled, one value from each of 2^19 equal stretches, always the same ones.
-/// Where both percentiles fall on one value (a large constant background), that value and the
-/// percentiles of all others are spanned instead.
+/// Where more than half of all have one value (a background), that value and the percentiles of all
+/// others are spanned instead: three labels in a large nothing keep their colours.
 pub fn percentile_range(scalars: &DataArray, scale: ValueScale) -> Option<ValueRange> {
     let mut samples: Vec<f64> = dispatch_scalar!(scalars.scalar_type(), T => {
         sampled(bytemuck::cast_slice::<u8, T>(scalars.bytes()))
     });
     samples.retain(|v| v.is_finite() && (scale == ValueScale::Linear || *v > 0.0));
     let whole = percentiles(&mut samples)?;
-    if whole.lo < whole.hi {
+    let all = samples.len();
+    let (_, &mut middle, _) = samples.select_nth_unstable_by(all / 2, f64::total_cmp);
+    samples.retain(|v| *v != middle);
+    if 2 * samples.len() >= all {
         return Some(whole);
     }
-    samples.retain(|v| *v != whole.lo);
     if let Some(others) = percentiles(&mut samples) {
-        return Some(whole.union(others));
+        let background = ValueRange {
+            lo: middle,
+            hi: middle,
+        };
+        return Some(background.union(others));
     }
     // A feature so small that no sample met it.
     scalars
@@ -329,6 +335,20 @@ mod tests {
             lo: DVec3::ZERO,
             hi: DVec3::new(4.0, 50.0, 10.0),
         }
+    }
+
+    #[test]
+    fn labels_in_a_large_background_keep_their_colors() {
+        let label = |i: usize| {
+            if i % 100 < 97 {
+                0
+            } else {
+                (i % 100 - 96) as u8
+            }
+        };
+        let values = DataArray::from_vec((0..10_000).map(label).collect(), 1);
+        let range = percentile_range(&values.expect("one component"), ValueScale::Linear);
+        assert_eq!(range, Some(ValueRange { lo: 0.0, hi: 3.0 }));
     }
 
     #[test]

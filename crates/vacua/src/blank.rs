@@ -26,7 +26,12 @@ pub fn explain_blank(scene: &Scene, settings: &RenderSettings, frame: &Frame) ->
 /// Nothing to show in the field itself.
 fn no_values(scene: &Scene, _: &RenderSettings) -> Option<String> {
     let volume = &scene.data;
-    if volume.scalars().range(0).is_none() {
+    if volume.num_cells() == 0 {
+        return Some(
+            "no cell with a volume is in the data, points and surfaces are not drawn".into(),
+        );
+    }
+    if volume.profile().range.is_none() {
         return Some(format!(
             "no value of field `{}` is a finite number",
             volume.name()
@@ -41,7 +46,7 @@ fn no_values(scene: &Scene, _: &RenderSettings) -> Option<String> {
 /// All opacity zero in the data's range.
 fn no_opacity(scene: &Scene, settings: &RenderSettings) -> Option<String> {
     let scalars = scene.data.scalars();
-    let range = scalars.range(0)?;
+    let range = scene.data.profile().range?;
     let function = &scene.transfer_function;
     let ValueRange { lo, hi } = range;
     let values = if lo == hi {

@@ -159,7 +159,7 @@ impl Scene {
         let data = self.data()?;
         let function = match &self.look {
             Look::Function(function) => function.clone(),
-            Look::Style(style) => style.resolve_for(data.scalars(), data.bounds())?,
+            Look::Style(style) => style.resolve_for(&data.typical_scalars(), data.bounds())?,
         };
         let mut scene = vacua_render::Scene::new(data.clone(), function).camera(self.camera);
         scene.clip_planes.clone_from(&self.clip_planes);

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use vacua_io::transfer_json::read_transfer_function;
 use vacua_render::SceneData;
 use vacua_volume::{
-    Bounds, ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint, TransferFunction,
-    TransferStyle, ValueRange, ValueScale, Volume, default_unit_length,
+    Association, Bounds, ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint,
+    TransferFunction, TransferStyle, ValueRange, ValueScale, Volume, default_unit_length,
 };
 
 use super::input::Opened;
@@ -16,7 +16,7 @@ use super::{Failure, Wrong};
 /// Which field, and which component of it.
 #[derive(clap::Args, Debug)]
 pub struct FieldArgs {
-    /// Field by name, or by number as `#0`; a lone field needs no choice
+    /// Field by name, or by number as `#0` [default: the first with one value a point, else the first]
     #[arg(long, value_name = "NAME|#N", value_parser = values::field)]
     pub field: Option<FieldChoice>,
     /// Component of a field with several, from 0, or `mag` for the magnitude [default: mag]
@@ -24,13 +24,51 @@ pub struct FieldArgs {
     pub component: Option<ComponentChoice>,
 }
 
+/// What the choice of a field without a name looks at.
+pub struct Candidate<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Whether it has one value for each point.
+    pub is_scalar_on_points: bool,
+}
+
 impl FieldArgs {
+    /// The field that is meant among those of a file. Without a name the first with one value a point,
+    /// else the first; a note says so if there are others.
+    pub fn choice(&self, path: &Path, candidates: &[Candidate]) -> FieldChoice {
+        if let Some(choice) = &self.field {
+            return choice.clone();
+        }
+        if candidates.len() < 2 {
+            return FieldChoice::Only;
+        }
+        let plain = candidates.iter().position(|c| c.is_scalar_on_points);
+        let chosen = plain.unwrap_or(0);
+        let others = candidates.iter().enumerate().filter(|&(i, _)| i != chosen);
+        let others: Vec<&str> = others.map(|(_, c)| c.name).collect();
+        eprintln!(
+            "note: {}: field `{}` is taken; --field takes another ({})",
+            path.display(),
+            candidates[chosen].name,
+            others.join(", ")
+        );
+        FieldChoice::Index(chosen)
+    }
+
     /// Loads the chosen field.
     pub fn volume(&self, opened: &Opened) -> Result<Volume, Failure> {
+        let fields = opened.dataset.fields().iter();
+        let candidates: Vec<Candidate> = fields
+            .map(|field| Candidate {
+                name: field.name(),
+                is_scalar_on_points: field.association() == Association::Point
+                    && field.components() == 1,
+            })
+            .collect();
         opened
             .dataset
             .volume(
-                self.field.as_ref().unwrap_or(&FieldChoice::Only),
+                &self.choice(&opened.path, &candidates),
                 self.component.unwrap_or_default(),
             )
             .map_err(|e| Failure::contents(&opened.path, e))
@@ -104,7 +142,7 @@ impl LookArgs {
             Some(path) => self.read_file(path, data.bounds()),
             None => self
                 .style()
-                .resolve_for(data.scalars(), data.bounds())
+                .resolve_for(&data.typical_scalars(), data.bounds())
                 .map_err(|e| Failure::Other(Box::new(e))),
         }
     }

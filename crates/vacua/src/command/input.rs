@@ -13,7 +13,8 @@ pub struct InputArgs {
     /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
-    /// Time step: its number from 0, or its time where the series has times [default: the first]
+    /// Time step: its time where the series has times, or its number from 0 (`#1` where both could be
+    /// meant) [default: the first]
     #[arg(long, value_name = "N|T", allow_hyphen_values = true)]
     pub time: Option<String>,
     #[command(flatten)]
@@ -257,14 +258,18 @@ pub fn choose(steps: &[Option<f64>], time: Option<&str>) -> Result<usize, Failur
     let Some(text) = time else {
         return Ok(0);
     };
-    let value: f64 = text
-        .trim()
-        .parse()
-        .map_err(|_| Wrong(format!("--time {text}: expected a step number or a time")))?;
-    if let Some(step) = steps.iter().position(|&time| time == Some(value)) {
+    let wrong = || Wrong(format!("--time {text}: expected a time, or a step as `#0`"));
+    let (text, is_number) = match text.trim().strip_prefix('#') {
+        Some(number) => (number, true),
+        None => (text.trim(), false),
+    };
+    let value: f64 = text.parse().map_err(|_| wrong())?;
+    if is_number {
+        text.parse::<usize>().map_err(|_| wrong())?;
+    } else if let Some(step) = steps.iter().position(|&time| time == Some(value)) {
         return Ok(step);
     }
-    let as_index = text.trim().parse::<usize>().ok();
+    let as_index = text.parse::<usize>().ok();
     if let Some(step) = as_index.filter(|&n| n < steps.len()) {
         return Ok(step);
     }
@@ -310,6 +315,8 @@ mod tests {
         assert_eq!(choose(&timed, Some("2.5")).ok(), Some(2));
         assert_eq!(choose(&timed, Some("1")).ok(), Some(0));
         assert_eq!(choose(&timed, Some("2")).ok(), Some(2));
+        assert_eq!(choose(&timed, Some("#1")).ok(), Some(1));
+        assert!(choose(&timed, Some("#0.5")).unwrap_err().is_usage());
         let message = choose(&timed, Some("0.7")).unwrap_err().to_string();
         assert!(message.contains("times 1 to 2.5"), "{message}");
     }

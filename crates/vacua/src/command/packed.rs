@@ -5,10 +5,10 @@ use serde_json::{Map, Value};
 use vacua_io::Source;
 use vacua_pack::file::{PackedFile, is_packed};
 use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError, Variant};
-use vacua_volume::{CellType, FieldChoice};
+use vacua_volume::{Association, CellType};
 
 use super::Failure;
-use super::choice::FieldArgs;
+use super::choice::{Candidate, FieldArgs};
 use super::input::{InputArgs, choose};
 
 /// Opens the input as a `.vacua` file, if it is one.
@@ -222,16 +222,24 @@ pub fn step(file: &PackedFile, input: &InputArgs) -> Result<Option<u32>, Failure
     Ok(steps.get(chosen).map(|s| s.number))
 }
 
-/// A field of a `.vacua` file, of the chosen time step; a lone one needs no choice.
+/// The chosen field of a `.vacua` file, of the chosen time step.
 pub fn volume(
     file: &PackedFile,
     input: &InputArgs,
     field: &FieldArgs,
 ) -> Result<PackedVolume, Failure> {
     let step = step(file, input)?;
-    let choice = field.field.as_ref().unwrap_or(&FieldChoice::Only);
+    let groups = file.groups_of(step)?;
+    let candidates: Vec<Candidate> = groups
+        .iter()
+        .map(|group| Candidate {
+            name: &group.name,
+            is_scalar_on_points: group.parts.len() == 1 && group.association == Association::Point,
+        })
+        .collect();
+    let choice = field.choice(&input.files[0], &candidates);
     let component = field.component.unwrap_or_default();
-    PackedVolume::open_part(file, step, choice, component).map_err(|error| match error {
+    PackedVolume::open_part(file, step, &choice, component).map_err(|error| match error {
         PackedVolumeError::Io(error) => error.into(),
         error => Failure::contents(&input.files[0], error),
     })

@@ -96,9 +96,9 @@ struct MethodArgs {
     /// Cells a side of a macrocell [default: measured, or 8]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u16).range(1..))]
     macrocell: Option<u16>,
-    /// Distance between samples, in cells
-    #[arg(long, value_name = "S", value_parser = values::positive, default_value = "0.5")]
-    step: f64,
+    /// Distance between samples, in cells [default: 0.5, or less where cells are few]
+    #[arg(long, value_name = "S", value_parser = values::positive)]
+    step: Option<f64>,
     /// What is taken for the values of a mesh: submesh, multileaf, leaf (what boxes of that level say of
     /// what is in them: coarse and fast, with a bound on the error in --json) or exact
     #[arg(long, value_name = "LEVEL", value_parser = values::detail, default_value = "exact")]
@@ -172,11 +172,17 @@ enum Switch {
 }
 
 impl MethodArgs {
-    fn settings(&self, [width, height]: [usize; 2], shading: ShadingChoice) -> RenderSettings {
+    /// The settings for a picture of data with a step of its own.
+    fn settings(
+        &self,
+        [width, height]: [usize; 2],
+        shading: ShadingChoice,
+        default_step: f64,
+    ) -> RenderSettings {
         RenderSettings {
             width,
             height,
-            step: self.step,
+            step: self.step.unwrap_or(default_step),
             detail: self.lod,
             integrator: match self.integrator {
                 IntegratorChoice::March => Integrator::March,
@@ -269,16 +275,16 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     {
         PictureFormat::of(path).map_err(|e| Wrong(format!("{}: {e}", path.display())))?;
     }
-    let mut settings = args
-        .method
-        .settings(args.view.size, args.appearance.shading);
-
     let start = Instant::now();
     let (path, data) = open(args)?;
     let load_secs = start.elapsed().as_secs_f64();
     let transfer_function = output::during("looking at the values", || {
         args.look.transfer_function(&data)
     })?;
+    let step = data.default_step();
+    let mut settings = args
+        .method
+        .settings(args.view.size, args.appearance.shading, step);
     let bounds = data.bounds();
     let mut scene = Scene::new(data, transfer_function).camera(camera(args.view.camera, bounds)?);
     for clip in &args.view.clip {

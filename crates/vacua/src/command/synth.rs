@@ -38,7 +38,7 @@ pub struct SynthArgs {
     /// What to make
     #[arg(value_name = "KIND", value_parser = PossibleValuesParser::new(names()).try_map(|name| name.parse::<AnyKind>()))]
     kind: AnyKind,
-    /// Points a side, one number for a cube; about as many cells a side for a mesh
+    /// Points a side, one number for a cube; of a mesh cubes a side, of five, six or (lander) twenty cells
     /// [default: the kind's own size]
     #[arg(long, value_name = "N|XxYxZ", value_parser = vacua_synth::parse_size)]
     size: Option<[usize; 3]>,

@@ -19,6 +19,10 @@ pub struct Report {
     field: String,
     width: usize,
     height: usize,
+    /// Distance between samples, in cells.
+    step: f64,
+    /// Values that the colours span.
+    color_range: [f64; 2],
     load_secs: f64,
     build_secs: BuildSecs,
     frame_secs: FrameSecs,
@@ -105,6 +109,7 @@ impl Report {
     ) -> Self {
         frame_secs.sort_by(f64::total_cmp);
         let report = &first.report;
+        let colors = scene.transfer_function.color_range();
         let automatic = matches!(args.method.skip, SkipChoice::Auto);
         Self {
             file: file.display().to_string(),
@@ -112,6 +117,11 @@ impl Report {
             field: scene.data.name().to_owned(),
             width: first.frame.width,
             height: first.frame.height,
+            step: args
+                .method
+                .step
+                .unwrap_or_else(|| scene.data.default_step()),
+            color_range: [colors.lo, colors.hi],
             load_secs,
             build_secs: BuildSecs {
                 volume: report.volume_secs,
@@ -142,7 +152,7 @@ impl Report {
             device_secs: renderer.gpu().map(stage_secs),
             threads: report.threads,
             memory: Memory {
-                voxel_bytes: scene.data.scalars().bytes().len(),
+                voxel_bytes: scene.data.value_bytes(),
                 macrocell_bytes: report.macrocell_bytes,
                 skip_bytes: report.skip_bytes,
             },
