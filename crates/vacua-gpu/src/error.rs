@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use vacua_pack::reference::ReferenceError;
 use vacua_render::RenderError;
 
 /// Why a GPU cannot render.
@@ -81,6 +82,9 @@ pub enum GpuError {
              child"
     )]
     DamagedMesh,
+    /// A mesh that another encoding than the packed one cannot hold.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     /// Any other error of the driver.
     #[error("{operation} failed on {device}")]
     Vulkan {
