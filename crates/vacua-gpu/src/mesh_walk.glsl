@@ -6,8 +6,9 @@
 // This proposes a tetrahedron. Whoever is clearly inside is done; elsewhere the tetrahedra around are
 // tried, of which the lowest that accepts the place wins, as in all encodings.
 
-// A sample this near to where a ray enters or leaves is tried, in samples.
-const float NEAR_FACE = 1e-2;
+// Rays that look for faces start this many samples before the place, so that one on the boundary finds
+// it.
+const float BEFORE = 1e-2;
 // Tetrahedra that a ray marches through at once, and tetrahedra around a place that are tried.
 const uint MOST_STEPS = 4096;
 const uint MOST_AROUND = 96;
@@ -27,9 +28,9 @@ void begin_walk() {
     walk_until = -LARGEST;
 }
 
-// The face that a ray from a place meets first; false if there is none. Its number, samples up to it, and
-// whether it is met in front.
-bool first_face(vec3 place, out uvec3 face);
+// The face that a ray meets first that starts so many samples before a place; false if there is none. Its
+// number, samples from the place up to it, and whether it is met in front.
+bool first_face(vec3 place, float before, out uvec3 face);
 
 // The tetrahedra before and behind a face that is met.
 uvec2 beside_face(Mesh mesh, uint face, bool is_front) {
@@ -66,10 +67,9 @@ uvec3 opposite(uint k) {
 }
 
 // Marches from a tetrahedron on the line through a place, towards the place. False if the mesh is left
-// before: then `left` is where, in samples from the place.
-bool march_to(Mesh mesh, Submesh part, vec3 place, vec3 towards, inout uint tet, out float left) {
+// before.
+bool march_to(Mesh mesh, Submesh part, vec3 place, vec3 towards, inout uint tet) {
     uint from = NO_CELL;
-    left = 0.0;
     for (uint i = 0; i < MOST_STEPS; ++i) {
         vec3 corners[4];
         corners_from(part, tet, place, corners);
@@ -91,41 +91,20 @@ bool march_to(Mesh mesh, Submesh part, vec3 place, vec3 towards, inout uint tet,
         }
         // Also where it is left through no face, as flat ones may be.
         if (leaves_at >= 0.0) return true;
-        if (next == NO_CELL) {
-            left = leaves_at;
-            return false;
-        }
+        if (next == NO_CELL) return false;
         from = tet;
         tet = next;
     }
     return true;
 }
 
-// The tetrahedron that a sample is in or near, by number along the ray; NO_CELL if there is none.
-uint propose(Mesh mesh, Submesh part, vec3 place, float k) {
-    uint last = NO_CELL;
-    if (walk_tet != NO_CELL) {
-        if (k < walk_enter - NEAR_FACE) return NO_CELL;
-        if (k <= walk_until) return walk_tet;
-        if (HELD == HELD_BY_NEIGHBOURS) {
-            float left;
-            uint tet = walk_tet;
-            if (march_to(mesh, part, place, way, tet, left)) {
-                walk_tet = tet;
-                return tet;
-            }
-            if (left > -NEAR_FACE) last = tet;
-        } else if (k <= walk_until + NEAR_FACE) {
-            last = walk_tet;
-        }
-    } else if (k < walk_enter) {
-        return NO_CELL;
-    }
+// Asks for the tetrahedron that a sample is in or near, by number along the ray; NO_CELL if there is none.
+uint ask(Mesh mesh, Submesh part, vec3 place, float k, float before) {
     uvec3 face;
-    if (!first_face(place, face)) {
+    if (!first_face(place, before, face)) {
         walk_tet = NO_CELL;
         walk_enter = LARGEST;
-        return last;
+        return NO_CELL;
     }
     float t = uintBitsToFloat(face.y);
     uvec2 beside = beside_face(mesh, face.x, face.z != 0);
@@ -133,18 +112,28 @@ uint propose(Mesh mesh, Submesh part, vec3 place, float k) {
     walk_tet = is_inside ? beside.x : beside.y;
     walk_enter = is_inside ? k : k + t;
     walk_until = walk_enter;
-    if (!is_inside) return t < NEAR_FACE ? walk_tet : last;
-    if (HELD == HELD_BY_FACES) {
-        walk_until = k + t;
-    } else {
-        // The ray leaves there: back to where the place is.
-        float left;
-        march_to(mesh, part, place, -way, walk_tet, left);
-    }
+    if (!is_inside) return t < BEFORE ? walk_tet : NO_CELL;
+    // The ray leaves there: of faces alone that says in which one it is, else back to the place.
+    if (HELD == HELD_BY_FACES) walk_until = k + t;
+    else march_to(mesh, part, place, -way, walk_tet);
     return walk_tet;
 }
 
-// Whether a place is in a tetrahedron or about its surface; `least` says how far inside.
+// The same, by what the ray is known to do already.
+uint propose(Mesh mesh, Submesh part, vec3 place, float k) {
+    if (k < walk_enter - BEFORE) return NO_CELL;
+    if (k <= walk_until) return walk_tet;
+    if (HELD == HELD_BY_NEIGHBOURS && walk_tet != NO_CELL) {
+        uint tet = walk_tet;
+        if (march_to(mesh, part, place, way, tet)) {
+            walk_tet = tet;
+            return tet;
+        }
+    }
+    return ask(mesh, part, place, k, BEFORE);
+}
+
+// Whether a place is in a tetrahedron or about on its surface.
 bool touches(Mesh mesh, Submesh part, uint tet, vec3 place) {
     uvec4 vertices;
     vec3 corners[4];
@@ -218,6 +207,11 @@ bool walk_to(Mesh mesh, vec3 place, float k, out Cell cell) {
     float least;
     float bound;
     uint verdict = tet_verdict(place, corners, mesh.slack.w, least, bound);
-    if (verdict != INSIDE) cell.primitive = settle(mesh, part, cell.primitive, place);
+    if (verdict == INSIDE) return true;
+    cell.primitive = settle(mesh, part, cell.primitive, place);
+    if (cell.primitive != NO_CELL) return true;
+    // A ray that started before may have been in another part of the mesh.
+    cell.primitive = ask(mesh, part, place, k, 0.0);
+    if (cell.primitive != NO_CELL) cell.primitive = settle(mesh, part, cell.primitive, place);
     return cell.primitive != NO_CELL;
 }
