@@ -76,6 +76,14 @@ pub enum GpuError {
         /// Name of the device.
         device: String,
     },
+    /// A level of detail, which is for those who sample a mesh's cells in groups.
+    #[error(
+        "level of detail `{asked}` on a GPU, which samples exactly; the CPU renders it (--device cpu)"
+    )]
+    Detail {
+        /// What was asked for.
+        asked: &'static str,
+    },
     /// A mesh that leads out of itself, or whose nodes are no tree.
     #[error(
         "the packed mesh is damaged: a node or an index points out of its sub-mesh, or two nodes have one \

@@ -26,8 +26,8 @@ use std::time::Instant;
 
 use vacua_render::contract::{PackedCells, check};
 use vacua_render::{
-    Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene, SceneData,
-    SkipMethod,
+    Detail, Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene,
+    SceneData, SkipMethod,
 };
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
@@ -340,6 +340,11 @@ impl GpuRenderer {
         settings: &RenderSettings,
     ) -> Result<RenderReport, GpuError> {
         check(settings)?;
+        if settings.detail != Detail::Exact {
+            return Err(GpuError::Detail {
+                asked: settings.detail.name(),
+            });
+        }
         let mut report = RenderReport {
             threads: rayon::current_num_threads(),
             ..Default::default()
