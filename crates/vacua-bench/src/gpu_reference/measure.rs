@@ -1,6 +1,7 @@
 //! Measures meshes on a device, way by way.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use vacua_gpu::{GpuRenderer, MeshEncoding, MeshReference};
 use vacua_pack::reference::Cells;
@@ -24,6 +25,9 @@ const ENCODINGS: [MeshEncoding; 3] = [
     MeshEncoding::SharedFaces,
     MeshEncoding::TetMarch,
 ];
+
+/// Time for which a device renders before it is measured.
+const WARM_UP: Duration = Duration::from_millis(500);
 
 /// Everything about one mesh.
 pub(super) fn mesh(
@@ -182,12 +186,14 @@ fn picture(
         ..RenderSettings::default()
     };
     let frame = gpu.render(&subject.scene, &settings)?.frame;
-    let mut march = Vec::new();
-    for _ in 0..options.repeats.max(1) {
-        gpu.render(&subject.scene, &settings)?;
-        march.push(gpu.timings().secs("march"));
+    // A device that rests slows its clock down, and takes a while to come back: what is measured first
+    // must not pay for that.
+    let start = Instant::now();
+    while start.elapsed() < WARM_UP {
+        gpu.time_rays(&subject.scene, &settings, 1)?;
     }
-    let march_secs = median(march);
+    let timings = gpu.time_rays(&subject.scene, &settings, options.repeats.max(1))?;
+    let march_secs = median(timings.iter().map(|t| t.secs("march")).collect());
     let bytes = gpu.mesh_bytes().unwrap_or_default();
     let is_packed = encoding.is_none();
     let random_per_sec = match options.places {
