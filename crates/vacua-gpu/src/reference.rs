@@ -287,5 +287,6 @@ fn whole<T: bytemuck::Pod>(
     list: &[T],
 ) -> Result<Section, GpuError> {
     let bytes: &[u8] = bytemuck::cast_slice(list);
-    sender.send_bytes(what, bytes, &[0..bytes.len() as u64])
+    let all = 0..bytes.len() as u64;
+    sender.send_bytes(what, bytes, std::slice::from_ref(&all))
 }

@@ -53,11 +53,11 @@ fn specs(kind: MeshKind, size: usize) -> [MeshSpec; 3] {
         },
         holes: 0.1,
         shuffled: true,
-        ..clean.clone()
+        ..clean
     };
     let overlapping = MeshSpec {
         num_slivers: 20,
-        ..moved.clone()
+        ..moved
     };
     [clean, moved, overlapping]
 }
