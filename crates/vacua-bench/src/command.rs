@@ -11,9 +11,10 @@ use crate::auto::{self, AutoOptions};
 use crate::encode::{self, EncodeOptions};
 use crate::gpu::{self, GpuMethod, GpuOptions};
 use crate::gpu_mesh::{self, GpuMeshOptions, MeshChoice};
+use crate::gpu_reference::{self, GpuReferenceOptions};
 use crate::meshes::{MeshSize, Scene};
 use crate::render::{self, RenderOptions};
-use crate::sample::{self, SampleOptions, Share};
+use crate::sample::{self, SampleOptions, Share, shares_of_tables};
 use crate::skip::{self, Model, SkipOptions};
 
 /// What to measure.
@@ -75,6 +76,17 @@ pub enum Command {
         /// Measures meshes of multi-leaves under an acceleration structure (variant 1) too.
         #[arg(long)]
         leaves: bool,
+        /// Paper B's Tables 3, 4 and 6 instead: meshes in the encodings that it compares.
+        #[arg(long, requires = "meshes")]
+        references: bool,
+        /// The first I of N equal parts of the first mesh, instead of those of Tables 4 and 6.
+        #[arg(
+            long,
+            value_name = "I/N",
+            value_delimiter = ',',
+            requires = "references"
+        )]
+        part: Option<Vec<Share>>,
         /// Random places of meshes that are sampled at once; 0 for none.
         #[arg(long, default_value = "4000000")]
         places: usize,
@@ -207,6 +219,26 @@ pub fn run(command: Command) -> Outcome {
             meshes,
             common,
         } => run_sample(part, places, &meshes, common),
+        Command::Gpu {
+            device,
+            meshes,
+            shuffled,
+            references: true,
+            part,
+            places,
+            common,
+            ..
+        } => gpu_reference::run(&GpuReferenceOptions {
+            device,
+            meshes,
+            shuffled,
+            size: common.size.unwrap_or((1024, 1024)),
+            repeats: common.repeats.unwrap_or(10),
+            places,
+            shares: part.unwrap_or_else(shares_of_tables),
+        })
+        .map_err(Into::into)
+        .and_then(|results| text(&results, common.json, || results.markdown())),
         Command::Gpu {
             device,
             meshes,

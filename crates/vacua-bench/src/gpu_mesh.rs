@@ -107,8 +107,8 @@ pub struct MeshResult {
     pub points: u64,
     /// Bytes of the file's sections: geometry and one field.
     pub file_bytes: u64,
-    /// Bytes on the device: positions, indices, nodes, values, tables, acceleration structures.
-    pub device_bytes: [u64; 6],
+    /// Bytes on the device: positions, indices, nodes, values, tables, acceleration structures, links.
+    pub device_bytes: [u64; 7],
     /// Seconds to send and check the mesh.
     pub send_secs: f64,
     /// Seconds of the first picture, from the encoded mesh in the host's memory to the picture there.
@@ -168,6 +168,18 @@ pub fn run(options: &GpuMeshOptions) -> Result<GpuMeshResults, BenchError> {
         size: options.size,
         meshes,
     })
+}
+
+/// The view of a mesh: that of the benchmark scenes for those that fill a cube, whatever part of it there
+/// is.
+pub(crate) fn view_of(choice: MeshChoice, bounds: Bounds) -> Camera {
+    match choice.kind {
+        MeshKind::Tet100 | MeshKind::Hex150 => camera(Bounds {
+            lo: DVec3::ZERO,
+            hi: DVec3::splat(choice.size as f64),
+        }),
+        _ => camera(bounds),
+    }
 }
 
 /// The view of the benchmark scenes: the bounding sphere just fits.
@@ -237,13 +249,7 @@ fn measure(
     let (packed, points, pack_secs) = packed(&volume, variant)?;
     drop(volume);
     let cells = packed.mesh().num_cells();
-    let camera = match kind {
-        MeshKind::Tet100 | MeshKind::Hex150 => camera(Bounds {
-            lo: DVec3::ZERO,
-            hi: DVec3::splat(size as f64),
-        }),
-        _ => camera(bounds),
-    };
+    let camera = view_of(choice, bounds);
     let scene = Scene::new(packed, BenchScene::transfer_function(1.0)?).camera(camera);
     let base = RenderSettings {
         width: options.size.0,
@@ -305,14 +311,6 @@ fn measure(
     };
     let ours = gpu.render(&scene, &small)?.frame;
     let theirs = CpuRenderer::new(None)?.render(&scene, &small)?.frame;
-    let MeshBytes {
-        positions,
-        indices,
-        nodes,
-        values,
-        tables,
-        structures,
-    } = bytes;
     Ok(MeshResult {
         name: match variant {
             Variant::MultiNodes => format!("{kind} {size}"),
@@ -321,7 +319,7 @@ fn measure(
         cells,
         points,
         file_bytes: gpu.mesh_file_bytes().unwrap_or(0),
-        device_bytes: [positions, indices, nodes, values, tables, structures],
+        device_bytes: parts(bytes).map(|(_, n)| n),
         send_secs,
         first_secs,
         first_skipped_secs,
@@ -365,8 +363,21 @@ fn row(
     })
 }
 
-/// Samples a second at random places of the mesh's box, searched for together and alone.
-fn random(gpu: &mut GpuRenderer, count: usize) -> Result<[f64; 2], BenchError> {
+/// Bytes of a mesh on the device, by part.
+pub(crate) fn parts(bytes: MeshBytes) -> [(&'static str, u64); 7] {
+    [
+        ("positions", bytes.positions),
+        ("indices", bytes.indices),
+        ("nodes", bytes.nodes),
+        ("values", bytes.values),
+        ("tables", bytes.tables),
+        ("structures", bytes.structures),
+        ("links", bytes.links),
+    ]
+}
+
+/// Random places in the box of the mesh that a device has.
+pub(crate) fn random_places(gpu: &GpuRenderer, count: usize) -> Vec<[f32; 3]> {
     let mut state = 1u64;
     let mut next = || {
         state = state
@@ -375,17 +386,26 @@ fn random(gpu: &mut GpuRenderer, count: usize) -> Result<[f64; 2], BenchError> {
         (state >> 40) as f32 / (1 << 24) as f32
     };
     let Some([lo, hi]) = gpu.mesh_box() else {
-        return Ok([0.0; 2]);
+        return Vec::new();
     };
-    let places: Vec<[f32; 3]> = (0..count)
-        .map(|_| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * next()))
-        .collect();
+    let place = |_| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * next());
+    (0..count).map(place).collect()
+}
+
+/// Samples a second at places.
+pub(crate) fn rate(gpu: &mut GpuRenderer, places: &[[f32; 3]]) -> Result<f64, BenchError> {
+    gpu.sample_mesh(places)?;
+    gpu.sample_mesh(places)?;
+    Ok(places.len() as f64 / gpu.timings().secs("sample"))
+}
+
+/// Samples a second at random places of the mesh's box, searched for together and alone.
+fn random(gpu: &mut GpuRenderer, count: usize) -> Result<[f64; 2], BenchError> {
+    let places = random_places(gpu, count);
     let mut rates = [0.0; 2];
-    for (rate, together) in rates.iter_mut().zip([true, false]) {
+    for (found, together) in rates.iter_mut().zip([true, false]) {
         gpu.set_together(together);
-        gpu.sample_mesh(&places)?;
-        gpu.sample_mesh(&places)?;
-        *rate = count as f64 / gpu.timings().secs("sample");
+        *found = rate(gpu, &places)?;
     }
     gpu.set_together(true);
     Ok(rates)
@@ -412,7 +432,7 @@ impl GpuMeshResults {
         for mesh in &self.meshes {
             let (psnr, apart) = mesh.against_cpu;
             let total: u64 = mesh.device_bytes.iter().sum();
-            let [positions, indices, nodes, values, tables, structures] =
+            let [positions, indices, nodes, values, tables, structures, _] =
                 mesh.device_bytes.map(|b| b as f64 / 1e6);
             let _ = writeln!(
                 out,

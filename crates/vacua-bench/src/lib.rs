@@ -16,6 +16,7 @@ mod error;
 pub mod gpu;
 pub mod gpu_group;
 pub mod gpu_mesh;
+pub mod gpu_reference;
 pub mod gpu_structures;
 mod machine;
 pub mod meshes;

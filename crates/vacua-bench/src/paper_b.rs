@@ -21,6 +21,10 @@ pub struct PaperModel {
     pub vertex_bytes: f64,
     /// Indices.
     pub index_bytes: f64,
+    /// Multi-leaves of variant 1, and nodes of variant 2.
+    pub node_bytes: [f64; 2],
+    /// OptiX' hierarchy over multi-leaves.
+    pub optix_bytes: f64,
     /// All of variant 1.
     pub variant_1_bytes: f64,
     /// All of variant 2.
@@ -37,6 +41,8 @@ const JETS: PaperModel = PaperModel {
     cells: 12e6,
     vertex_bytes: 34.0 * MB,
     index_bytes: 58.0 * MB,
+    node_bytes: [11.0 * MB, 14.0 * MB],
+    optix_bytes: 13.0 * MB,
     variant_1_bytes: 116.0 * MB,
     variant_2_bytes: 106.0 * MB,
     ospray_1_bytes: None,
@@ -49,6 +55,8 @@ const LANDER_SMALL: PaperModel = PaperModel {
     cells: 789e6,
     vertex_bytes: 2.39 * GB,
     index_bytes: 4.5 * GB,
+    node_bytes: [1.16 * GB, 1.49 * GB],
+    optix_bytes: 1.27 * GB,
     variant_1_bytes: 9.3 * GB,
     variant_2_bytes: 8.38 * GB,
     ospray_1_bytes: Some(90.2 * GB),
@@ -61,6 +69,8 @@ const OCEAN: PaperModel = PaperModel {
     cells: 749e6,
     vertex_bytes: 6.62 * GB,
     index_bytes: 11.2 * GB,
+    node_bytes: [2.41 * GB, 3.20 * GB],
+    optix_bytes: 2.67 * GB,
     variant_1_bytes: 22.9 * GB,
     variant_2_bytes: 21.0 * GB,
     ospray_1_bytes: None,
@@ -73,6 +83,8 @@ const EXA_JET: PaperModel = PaperModel {
     cells: 652e6,
     vertex_bytes: 10.8 * GB,
     index_bytes: 10.4 * GB,
+    node_bytes: [2.34 * GB, 3.33 * GB],
+    optix_bytes: 2.59 * GB,
     variant_1_bytes: 26.9 * GB,
     variant_2_bytes: 24.5 * GB,
     ospray_1_bytes: None,

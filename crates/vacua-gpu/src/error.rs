@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use vacua_pack::reference::ReferenceError;
 use vacua_render::RenderError;
 
 /// Why a GPU cannot render.
@@ -75,12 +76,23 @@ pub enum GpuError {
         /// Name of the device.
         device: String,
     },
+    /// A level of detail, which is for those who sample a mesh's cells in groups.
+    #[error(
+        "level of detail `{asked}` on a GPU, which samples exactly; the CPU renders it (--device cpu)"
+    )]
+    Detail {
+        /// What was asked for.
+        asked: &'static str,
+    },
     /// A mesh that leads out of itself, or whose nodes are no tree.
     #[error(
         "the packed mesh is damaged: a node or an index points out of its sub-mesh, or two nodes have one \
              child"
     )]
     DamagedMesh,
+    /// A mesh that another encoding than the packed one cannot hold.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     /// Any other error of the driver.
     #[error("{operation} failed on {device}")]
     Vulkan {

@@ -10,6 +10,18 @@ layout(constant_id = 34) const bool VARYING = false;
 // Kinds of cells that there are.
 layout(constant_id = 36) const bool HAS_TETS = true;
 layout(constant_id = 37) const bool HAS_OTHERS = true;
+// How cells are held, and the kind of all of them where they lie in a plain list.
+layout(constant_id = 38) const uint HELD = 0;
+layout(constant_id = 39) const uint ONLY_KIND = 4;
+
+// As they are packed; or in the encodings that those are compared with: a plain list of them, with
+// their boxes in an acceleration structure; tetrahedra that share faces, all of them in one;
+// tetrahedra with their neighbours, and the faces that have none in one.
+const uint HELD_PACKED = 0;
+const uint HELD_IN_BOXES = 1;
+const uint HELD_BY_FACES = 2;
+const uint HELD_BY_NEIGHBOURS = 3;
+const bool IS_PLAIN = HELD != HELD_PACKED;
 
 // Types of values, by number.
 const uint VALUE_F32 = 0;
@@ -23,6 +35,8 @@ const uint TETRAHEDRON = 0;
 const uint PYRAMID = 1;
 const uint WEDGE = 2;
 const uint HEXAHEDRON = 3;
+// Of a list: there are several of them.
+const uint MIXED = 4;
 
 // Index of no vertex, which fills pyramids and wedges up.
 const uint MARKER = 0xffffu;
@@ -58,7 +72,8 @@ struct Submesh {
     MeshNumbers positions;
     MeshWords indices;
     MeshWords values;
-    // Cells in nodes before each one, for fields on cells.
+    // Cells in nodes before each one, for fields on cells; in plain lists of cells of several kinds
+    // four times where each one's indices begin, and its kind.
     MeshWords cells_before;
     // Values to leave out before its first one.
     uint first_value;
@@ -85,6 +100,10 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Mesh {
     Numbers minima;
     // Boxes around groups of sub-meshes, two corners each.
     Quads groups;
+    // Of tetrahedra by four: their faces, or their neighbours, opposite each corner; and of faces by two
+    // the tetrahedra on the side of their normals and behind, or of those without a neighbour theirs.
+    MeshWords links;
+    MeshWords sides;
     uint num_submeshes;
     // Cubes of ray space along each axis, for the first level.
     uint minima_x;
@@ -138,9 +157,29 @@ void five_indices(Submesh part, uint place, out uint five[5]) {
     five[4] = words.z & 0xffffu;
 }
 
+uint num_corners(uint kind) {
+    return kind == HEXAHEDRON ? 8 : kind == WEDGE ? 6 : kind == PYRAMID ? 5 : 4;
+}
+
+// The kind of a cell of a plain list, and where its indices, of 32 bits, begin.
+uvec2 plain_cell(Submesh part, uint cell) {
+    if (ONLY_KIND != MIXED) return uvec2(ONLY_KIND, cell * num_corners(ONLY_KIND));
+    uint start = part.cells_before.word[cell];
+    return uvec2(start & 3u, start >> 2);
+}
+
 // Vertices of a tetrahedron: `primitive` is twice its first index, one more for the second of a
-// pair `a b c d e`, which stands for `a b c d` and `a c b e`.
+// pair `a b c d e`, which stands for `a b c d` and `a c b e`; in a plain list its number.
 uvec4 tet_vertices(Submesh part, uint primitive) {
+    if (IS_PLAIN) {
+        uint first = plain_cell(part, primitive).y;
+        return uvec4(
+            part.indices.word[first],
+            part.indices.word[first + 1],
+            part.indices.word[first + 2],
+            part.indices.word[first + 3]
+        );
+    }
     uint five[5];
     five_indices(part, primitive >> 1, five);
     bool is_second = (primitive & 1u) != 0u;
@@ -181,8 +220,15 @@ Other other_at(Submesh part, uint place) {
     return other;
 }
 
-uint num_corners(uint kind) {
-    return kind == HEXAHEDRON ? 8 : kind == WEDGE ? 6 : kind == PYRAMID ? 5 : 4;
+// The cell that a primitive is, if it is no tetrahedron.
+Other other_of(Submesh part, uint primitive) {
+    if (!IS_PLAIN) return other_at(part, primitive >> 1);
+    uvec2 found = plain_cell(part, primitive);
+    Other other;
+    other.kind = found.x;
+    uint last = num_corners(found.x) - 1;
+    for (uint k = 0; k < 8; ++k) other.vertices[k] = part.indices.word[found.y + min(k, last)];
+    return other;
 }
 
 // A value as it is rendered.

@@ -18,14 +18,10 @@ use vacua_skip::{Lattice, LatticeError, Macrocells};
 use vacua_volume::{Association, ScalarType, ValueMap, ValueRange, ValueScale};
 
 use crate::error::GpuError;
-use crate::renderer::Leaves;
-use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
-
-/// Bytes that are sent at once.
-const STAGING_BYTES: u64 = 64 << 20;
-
-/// Bytes past a part that shaders may read: they take five indices where there are four.
-const MARGIN: u64 = 16;
+use crate::reference::{FaceShapes, Held, MIXED};
+use crate::renderer::MeshStructure;
+use crate::send::{Section, Sender};
+use crate::vulkan::{Buffer, Commands, Device, Layout};
 
 /// Side of macrocells whose ranges those of larger ones are joined from.
 const LEAST_SIDE: usize = 2;
@@ -44,9 +40,12 @@ pub(crate) mod mesh_constant {
     pub const TOGETHER: u32 = 35;
     pub const HAS_TETS: u32 = 36;
     pub const HAS_OTHERS: u32 = 37;
+    pub const HELD: u32 = 38;
+    pub const ONLY_KIND: u32 = 39;
     pub const LANES: u32 = 40;
     pub const SUBGROUPS: u32 = 41;
     pub const INVOCATIONS: u32 = 42;
+    pub const PLACES: u32 = 43;
 }
 
 /// What a sub-mesh holds, as bits; as in `mesh.glsl`.
@@ -90,6 +89,8 @@ pub(crate) struct MeshHeader {
     pub submeshes: u64,
     pub minima: u64,
     pub groups: u64,
+    pub links: u64,
+    pub sides: u64,
     pub num_submeshes: u32,
     pub minima_x: u32,
     pub minima_y: u32,
@@ -127,18 +128,21 @@ pub struct MeshBytes {
     pub indices: u64,
     /// Multi-nodes.
     pub nodes: u64,
+    /// Faces and neighbours of tetrahedra, in the encodings that have them.
+    pub links: u64,
     /// Values, and where those of each node's cells begin.
     pub values: u64,
     /// Where the parts of sub-meshes begin, and the smallest cells in boxes of space.
     pub tables: u64,
-    /// Acceleration structures over multi-leaves.
+    /// Acceleration structures, as large as the driver says.
     pub structures: u64,
 }
 
 impl MeshBytes {
     /// The sum.
     pub fn total(&self) -> u64 {
-        self.positions + self.indices + self.nodes + self.values + self.tables + self.structures
+        let of_cells = self.indices + self.nodes + self.links;
+        self.positions + of_cells + self.values + self.tables + self.structures
     }
 }
 
@@ -153,122 +157,74 @@ pub(crate) struct DeviceMesh {
     pub value_type: ValueType,
     pub header: Buffer,
     pub bytes: MeshBytes,
-    /// What finds the nodes of a mesh without inner ones.
-    pub leaves: Option<Leaves>,
+    /// How its cells are held.
+    pub held: Held,
+    /// The kind of all cells of a plain list.
+    pub only_kind: u32,
+    /// Faces that its acceleration structure is to be built over, if it is over faces.
+    pub faces: Option<FaceShapes>,
+    /// What rays are traced against to find its cells, where that is how they are found.
+    pub structure: Option<MeshStructure>,
     /// Ranges of the smallest macrocells so far.
-    ranges: Option<Macrocells>,
+    pub ranges: Option<Macrocells>,
     /// Seconds to send and check it.
     pub send_secs: f64,
     /// Everything that the header leads to.
-    _parts: Vec<Buffer>,
+    pub _parts: Vec<Buffer>,
 }
 
-/// One section in one or more buffers.
-struct Section {
-    chunks: Vec<(Range<u64>, Buffer)>,
+/// The smallest cells in boxes of space, on the device.
+pub(crate) struct Minima {
+    counts: [u32; 3],
+    pub buffer: Option<Buffer>,
 }
 
-impl Section {
-    /// Where the device has a byte of the section.
-    fn address(&self, byte: u64) -> u64 {
-        let chunk = self.chunks.iter().find(|(r, _)| r.contains(&byte));
-        chunk.map_or(0, |(range, buffer)| buffer.address() + (byte - range.start))
-    }
-
-    fn size_bytes(&self) -> u64 {
-        self.chunks.iter().map(|(_, b)| b.size_bytes()).sum()
-    }
-}
-
-/// Sends sections.
-struct Sender<'a> {
-    device: &'a Arc<Device>,
-    commands: &'a mut Commands,
-    layout: &'a Layout,
-    staging: Buffer,
-    max_bytes: u64,
-}
-
-impl Sender<'_> {
-    /// Sends a section; `parts` are the bytes of each sub-mesh, none of which is split. `fill` writes
-    /// the bytes from a place on.
-    fn send(
-        &mut self,
-        what: &'static str,
-        len: u64,
-        parts: &[Range<u64>],
-        fill: impl Fn(u64, &mut [u8]),
-    ) -> Result<Section, GpuError> {
-        let mut chunks: Vec<Range<u64>> = Vec::new();
-        for part in parts.iter().filter(|p| p.start < p.end) {
-            let part = part.start..(part.end + MARGIN).min(len);
-            match chunks.last_mut() {
-                Some(last)
-                    if last.start <= part.start
-                        && part.end.max(last.end) - last.start <= self.max_bytes =>
-                {
-                    last.end = last.end.max(part.end);
-                }
-                _ => chunks.push(part),
-            }
-        }
-        let mut made = Vec::new();
-        for range in chunks {
-            let size = range.end - range.start;
-            let buffer = Buffer::new(self.device, what, size + MARGIN, Place::Device)?;
-            let mut from = 0;
-            while from < size {
-                let now = (size - from).min(STAGING_BYTES);
-                fill(
-                    range.start + from,
-                    &mut self.staging.bytes_mut()[..now as usize],
-                );
-                let staging = &self.staging;
-                self.commands.run(self.layout, |recorder| {
-                    recorder.copy(staging, &buffer, from, now);
-                    recorder.barrier();
-                    Ok(())
-                })?;
-                from += now;
-            }
-            made.push((range, buffer));
-        }
-        Ok(Section { chunks: made })
-    }
-
-    /// Sends bytes as they are.
-    fn send_bytes(
-        &mut self,
-        what: &'static str,
-        bytes: &[u8],
-        parts: &[Range<u64>],
-    ) -> Result<Section, GpuError> {
-        self.send(what, bytes.len() as u64, parts, |first, to| {
-            const CHUNK: usize = 1 << 20;
-            let from = &bytes[first as usize..first as usize + to.len()];
-            to.par_chunks_mut(CHUNK)
-                .zip(from.par_chunks(CHUNK))
-                .for_each(|(to, from)| to.copy_from_slice(from));
+impl Minima {
+    /// Sends those of a mesh whose cells vary in size.
+    pub fn send(sender: &mut Sender<'_>, cells: &PackedCells) -> Result<Self, GpuError> {
+        let Some(levels @ [(counts, _), ..]) = cells.minima().map(|m| m.levels()) else {
+            return Ok(Self {
+                counts: [0; 3],
+                buffer: None,
+            });
+        };
+        let all = levels.iter().flat_map(|(_, sizes)| sizes);
+        let all: Vec<f32> = all.copied().collect();
+        let sent = sender.send_whole("the mesh's cell sizes", bytemuck::cast_slice(&all))?;
+        Ok(Self {
+            counts: counts.map(|n| n as u32),
+            buffer: Some(sent),
         })
     }
 
-    /// Sends all of something small as one buffer.
-    fn send_whole(&mut self, what: &'static str, bytes: &[u8]) -> Result<Buffer, GpuError> {
-        let buffer = Buffer::new(self.device, what, bytes.len() as u64, Place::Device)?;
-        let mut from = 0;
-        while from < bytes.len() {
-            let now = (bytes.len() - from).min(STAGING_BYTES as usize);
-            self.staging.bytes_mut()[..now].copy_from_slice(&bytes[from..from + now]);
-            let staging = &self.staging;
-            self.commands.run(self.layout, |recorder| {
-                recorder.copy(staging, &buffer, from as u64, now as u64);
-                recorder.barrier();
-                Ok(())
-            })?;
-            from += now;
-        }
-        Ok(buffer)
+    pub fn size_bytes(&self) -> u64 {
+        self.buffer.as_ref().map_or(0, Buffer::size_bytes)
     }
+
+    /// A header that says where they are, and where the mesh is.
+    pub fn header(&self, cells: &PackedCells) -> MeshHeader {
+        let [x, y, z] = cells.corner();
+        MeshHeader {
+            corner: [x, y, z, cells.cube()],
+            slack: slack(cells),
+            minima: self.buffer.as_ref().map_or(0, Buffer::address),
+            minima_x: self.counts[0],
+            minima_y: self.counts[1],
+            minima_z: self.counts[2],
+            ..MeshHeader::default()
+        }
+    }
+}
+
+/// How values of a scene are rendered: their range, and the map from stored ones.
+pub(crate) fn range_and_map(data: &SceneData, scale: ValueScale) -> (Option<ValueRange>, ValueMap) {
+    let scalars = data.scalars();
+    let range = scalars.range(0);
+    let map = match (scale, range) {
+        (ValueScale::Linear, Some(range)) => ValueMap::for_range(scalars.scalar_type(), range),
+        _ => ValueMap::IDENTITY,
+    };
+    (range, map)
 }
 
 impl DeviceMesh {
@@ -284,12 +240,7 @@ impl DeviceMesh {
         max_bytes: u64,
     ) -> Result<Self, GpuError> {
         check(device, cells.mesh())?;
-        let scalars = data.scalars();
-        let range = scalars.range(0);
-        let map = match (scale, range) {
-            (ValueScale::Linear, Some(range)) => ValueMap::for_range(scalars.scalar_type(), range),
-            _ => ValueMap::IDENTITY,
-        };
+        let (range, map) = range_and_map(&data, scale);
         let (mesh, field) = (cells.mesh(), cells.field());
         let value_type = match (map.is_identity(), field.values().scalar_type()) {
             (true, ScalarType::U8) => ValueType::U8,
@@ -306,13 +257,7 @@ impl DeviceMesh {
         if needed > device.free_bytes() {
             return Err(device.too_little("the mesh", needed));
         }
-        let mut sender = Sender {
-            device,
-            commands,
-            layout,
-            staging: Buffer::new(device, "sending the mesh", STAGING_BYTES, Place::Upload)?,
-            max_bytes,
-        };
+        let mut sender = Sender::new(device, commands, layout, max_bytes)?;
         let headers = mesh.submeshes();
         let parts = |of: &dyn Fn(&SubmeshHeader) -> Range<u64>| -> Vec<Range<u64>> {
             headers.iter().map(of).collect()
@@ -401,34 +346,12 @@ impl DeviceMesh {
         let groups: Vec<[[f32; 4]; 2]> = headers.chunks(GROUP_PARTS).map(box_around).collect();
         let groups = sender.send_whole("the mesh's groups", bytemuck::cast_slice(&groups))?;
         let table = sender.send_whole("the mesh's parts", bytemuck::cast_slice(&table))?;
-        let (minima_counts, minima) = match cells.minima().map(|m| m.levels()) {
-            Some(levels @ [(counts, _), ..]) => {
-                let all: Vec<f32> = levels
-                    .iter()
-                    .flat_map(|(_, sizes)| sizes)
-                    .copied()
-                    .collect();
-                let sent =
-                    sender.send_whole("the mesh's cell sizes", bytemuck::cast_slice(&all))?;
-                (counts.map(|n| n as u32), Some(sent))
-            }
-            _ => ([0; 3], None),
-        };
+        let minima = Minima::send(&mut sender, &cells)?;
         let header = MeshHeader {
-            corner: {
-                let [x, y, z] = cells.corner();
-                [x, y, z, cells.cube()]
-            },
-            slack: slack(&cells),
             submeshes: table.address(),
-            minima: minima.as_ref().map_or(0, Buffer::address),
             groups: groups.address(),
             num_submeshes: headers.len() as u32,
-            minima_x: minima_counts[0],
-            minima_y: minima_counts[1],
-            minima_z: minima_counts[2],
-            overflow: 0,
-            damage: 0,
+            ..minima.header(&cells)
         };
         let header = sender.send_whole("the mesh", bytemuck::bytes_of(&header))?;
         let bytes = MeshBytes {
@@ -439,8 +362,8 @@ impl DeviceMesh {
             tables: table.size_bytes()
                 + groups.size_bytes()
                 + header.size_bytes()
-                + minima.as_ref().map_or(0, Buffer::size_bytes),
-            structures: 0,
+                + minima.size_bytes(),
+            ..MeshBytes::default()
         };
         let sections = [
             Some(positions),
@@ -452,11 +375,10 @@ impl DeviceMesh {
         let mut all: Vec<Buffer> = sections
             .into_iter()
             .flatten()
-            .flat_map(|s| s.chunks)
-            .map(|(_, buffer)| buffer)
+            .flat_map(Section::into_buffers)
             .collect();
         all.extend([table, groups]);
-        all.extend(minima);
+        all.extend(minima.buffer);
         Ok(Self {
             scale,
             map,
@@ -464,7 +386,10 @@ impl DeviceMesh {
             value_type,
             header,
             bytes,
-            leaves: None,
+            held: Held::Packed,
+            only_kind: MIXED,
+            faces: None,
+            structure: None,
             ranges: None,
             send_secs: 0.0,
             _parts: all,
@@ -475,7 +400,12 @@ impl DeviceMesh {
 
     /// Whether its nodes are multi-leaves alone (variant 1).
     pub fn is_of_leaves(&self) -> bool {
-        matches!(self.cells.mesh().nodes(), Nodes::MultiLeaves(_))
+        self.held == Held::Packed && matches!(self.cells.mesh().nodes(), Nodes::MultiLeaves(_))
+    }
+
+    /// Whether rays are traced to find its cells.
+    pub fn is_traced(&self) -> bool {
+        self.is_of_leaves() || self.held != Held::Packed
     }
 
     /// Ranges of macrocells. They are found from all leaves once; those of multiples of that side are
@@ -513,7 +443,7 @@ fn kinds_of(header: &SubmeshHeader) -> u32 {
 }
 
 /// The box around some sub-meshes.
-fn box_around(headers: &[SubmeshHeader]) -> [[f32; 4]; 2] {
+pub(crate) fn box_around(headers: &[SubmeshHeader]) -> [[f32; 4]; 2] {
     let none = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     let around = headers.iter().fold(none, |[lo, hi], h| {
         [
@@ -524,7 +454,7 @@ fn box_around(headers: &[SubmeshHeader]) -> [[f32; 4]; 2] {
     around.map(extended)
 }
 
-fn extended([x, y, z]: [f32; 3]) -> [f32; 4] {
+pub(crate) fn extended([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }
 

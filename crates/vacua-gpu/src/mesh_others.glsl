@@ -23,10 +23,6 @@ const double EXACT_LAST_STEP = 1e-7LF;
 const double EXACT_FAR = 1e3LF;
 const double TOLERANCE = 1e-9LF;
 
-const uint OUTSIDE = 0;
-const uint INSIDE = 1;
-const uint IN_DOUBT = 2;
-
 // Weights of up to eight corners, the first four and the last four.
 struct Weights {
     vec4 low;

@@ -1,6 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel through a packed mesh of multi-leaves, which are found by ray queries.
+// One ray a pixel through a mesh of multi-leaves, or of cells in a list, which are found by ray queries.
 #extension GL_EXT_ray_query : require
 #include "shared.glsl"
 #include "lattice.glsl"
@@ -36,8 +36,8 @@ bool find(Mesh mesh, uint i, vec3 place, out Found at) {
         query, scene, gl_RayFlagsNoneEXT, 0xff, place, 0.0, EPSILON_DIRECTION, mesh.slack.x
     );
     while (rayQueryProceedEXT(query)) {
-        uint node = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
-        try_node(mesh, place, node, at.cell);
+        uint shape = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
+        try_shape(mesh, place, shape, at.cell);
     }
     return at.cell.primitive != NO_CELL;
 }

@@ -7,6 +7,7 @@
 #include "mesh_others.glsl"
 #include "mesh_locate.glsl"
 #include "mesh_values.glsl"
+#include "mesh_places.glsl"
 #include "mesh_search.glsl"
 
 // Whether the lanes of a subgroup search together, or each on its own.
@@ -33,8 +34,6 @@ void main() {
     place = is_there ? push.clips.quad[index].xyz : vec3(0.0);
     Cell cell;
     bool is_found;
-    float value = 0.0;
-    bool is_valid = false;
     if (TOGETHER) {
         search(mesh, Segment(place, place, 0, 0.0, is_there ? 1 : 0));
         uint slot = found_slot(gl_SubgroupInvocationID, 0);
@@ -47,14 +46,5 @@ void main() {
         is_found = is_there && locate(mesh, place, cell);
     }
     if (!is_there) return;
-    if (is_found) {
-        Submesh part = mesh.submeshes.submesh[cell.number];
-        is_valid = value_in_cell(mesh, part, cell, place, value);
-    }
-    push.rgba.quad[index] = vec4(
-        value,
-        is_valid ? 1.0 : 0.0,
-        uintBitsToFloat(is_found ? cell.number : NO_CELL),
-        uintBitsToFloat(is_found ? cell.primitive : NO_CELL)
-    );
+    store_sample(mesh, index, place, is_found, cell);
 }

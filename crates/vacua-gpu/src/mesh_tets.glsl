@@ -72,17 +72,25 @@ bool tet_exactly(vec3 place, vec3 corners[4], out vec4 weights) {
     return true;
 }
 
+// What is told of a place and a cell.
+const uint OUTSIDE = 0;
+const uint INSIDE = 1;
+const uint IN_DOUBT = 2;
+
 void tet_corners(Submesh part, uint primitive, out uvec4 vertices, out vec3 corners[4]) {
     vertices = tet_vertices(part, primitive);
     for (int i = 0; i < 4; ++i) corners[i] = vertex_at(part, vertices[i]);
 }
 
-// Whether a tetrahedron accepts a place.
-bool tet_accepts(vec3 place, vec3 corners[4], float scale) {
+// What volumes in `f32` tell of a tetrahedron and a place: `least` is the smallest that the place makes
+// with the faces, positive inside, `bound` bounds its rounding.
+uint tet_verdict(vec3 place, vec3 corners[4], float scale, out float least, out float bound) {
     vec3 a = corners[0];
     vec3 lo = min(min(a, corners[1]), min(corners[2], corners[3]));
     vec3 hi = max(max(a, corners[1]), max(corners[2], corners[3]));
-    if (!in_box(place, lo, hi)) return false;
+    least = -LARGEST;
+    bound = 0.0;
+    if (!in_box(place, lo, hi)) return OUTSIDE;
     precise vec3 b = (corners[1] - a) * scale;
     precise vec3 c = (corners[2] - a) * scale;
     precise vec3 d = (corners[3] - a) * scale;
@@ -95,9 +103,18 @@ bool tet_accepts(vec3 place, vec3 corners[4], float scale) {
     float v = turn * dot_of(p, cross_of(d, b));
     float w = turn * dot_of(p, cross_of(b, c));
     precise float last = abs(whole) - ((u + v) + w);
-    float least = min(min(u, v), min(w, last));
-    float bound = side.x * side.y * side.z * TET_ROUNDING + TET_SMALLEST;
-    if (abs(whole) > 4.0 * bound && abs(least) > bound) return least > 0.0;
+    least = min(min(u, v), min(w, last));
+    bound = side.x * side.y * side.z * TET_ROUNDING + TET_SMALLEST;
+    if (abs(whole) > 4.0 * bound && abs(least) > bound) return least > 0.0 ? INSIDE : OUTSIDE;
+    return IN_DOUBT;
+}
+
+// Whether a tetrahedron accepts a place.
+bool tet_accepts(vec3 place, vec3 corners[4], float scale) {
+    float least;
+    float bound;
+    uint verdict = tet_verdict(place, corners, scale, least, bound);
+    if (verdict != IN_DOUBT) return verdict == INSIDE;
     vec4 weights;
     return tet_exactly(place, corners, weights);
 }

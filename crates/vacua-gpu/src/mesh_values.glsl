@@ -58,7 +58,7 @@ bool value_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place, out float val
     if (!HAS_OTHERS || (HAS_TETS && !cell.is_other)) {
         return tet_value(mesh, part, cell.primitive, place, value);
     }
-    Other other = other_at(part, cell.primitive >> 1);
+    Other other = other_of(part, cell.primitive);
     Weights weights;
     other_accepts(part, other, place, weights);
     return other_value(part, other, weights, value);
@@ -113,7 +113,7 @@ vec3 gradient_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place) {
     Other other;
     bool is_other = HAS_OTHERS && (!HAS_TETS || cell.is_other);
     if (is_other) {
-        other = other_at(part, cell.primitive >> 1);
+        other = other_of(part, cell.primitive);
         kind = other.kind;
         other_accepts(part, other, place, weights);
         vertices.x = other.vertices[0];

@@ -9,12 +9,12 @@ mod auto;
 mod finder;
 mod inspect;
 mod job;
-mod leaves;
 mod mesh;
 mod options;
 mod outline;
 mod pipelines;
 mod submit;
+mod traced;
 
 pub use inspect::Boundary;
 pub use mesh::MeshSample;
@@ -26,20 +26,21 @@ use std::time::Instant;
 
 use vacua_render::contract::{PackedCells, check};
 use vacua_render::{
-    Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene, SceneData,
-    SkipMethod,
+    Detail, Frame, RenderError, RenderReport, RenderSettings, Renderer, Rendering, Scene,
+    SceneData, SkipMethod,
 };
 use vacua_volume::{TransferFunction, TransferTable, ValueScale, Volume};
 
 use self::job::SkipKey;
-use self::leaves::LeafPipelines;
-pub(crate) use self::leaves::Leaves;
 use self::mesh::MeshPipelines;
 use self::outline::Outline;
 use self::pipelines::Pipelines;
+pub(crate) use self::traced::MeshStructure;
+use self::traced::TracedPipelines;
 use crate::error::GpuError;
 use crate::frame::{Picture, make_room};
 use crate::mesh::DeviceMesh;
+use crate::reference::MeshReference;
 use crate::shared::{Parameters, TILE};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
@@ -92,7 +93,9 @@ pub struct GpuRenderer {
     /// The packed mesh, if it is one that is rendered.
     mesh: Option<DeviceMesh>,
     mesh_pipelines: MeshPipelines,
-    leaf_pipelines: LeafPipelines,
+    /// How the next meshes are held, if not as they are packed.
+    reference: Option<MeshReference>,
+    traced_pipelines: TracedPipelines,
     macrocells: BTreeMap<usize, DeviceMacrocells>,
     look: Option<Look>,
     /// What the mask was made of, and whether distances were made of it.
@@ -188,7 +191,8 @@ impl GpuRenderer {
             volume: None,
             mesh: None,
             mesh_pipelines: MeshPipelines::default(),
-            leaf_pipelines: LeafPipelines::default(),
+            reference: None,
+            traced_pipelines: TracedPipelines::default(),
             macrocells: BTreeMap::new(),
             look: None,
             skip: None,
@@ -336,6 +340,11 @@ impl GpuRenderer {
         settings: &RenderSettings,
     ) -> Result<RenderReport, GpuError> {
         check(settings)?;
+        if settings.detail != Detail::Exact {
+            return Err(GpuError::Detail {
+                asked: settings.detail.name(),
+            });
+        }
         let mut report = RenderReport {
             threads: rayon::current_num_threads(),
             ..Default::default()
@@ -458,7 +467,7 @@ impl GpuRenderer {
     }
 
     /// Frees what belongs to a volume.
-    fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.volume = None;
         self.mesh = None;
         self.macrocells.clear();

@@ -48,7 +48,7 @@ shaders! {
     PACKED_MARCH = "mesh_march";
     /// Values of a packed mesh at places.
     PACKED_SAMPLE = "mesh_sample";
-    /// Boxes of the multi-leaves of a packed mesh.
+    /// Boxes of the multi-leaves, or the cells, of a mesh.
     PACKED_BOXES = "mesh_boxes";
     /// The picture of a packed mesh, whose multi-leaves ray queries find.
     PACKED_QUERY = "mesh_query";
@@ -56,6 +56,10 @@ shaders! {
     PACKED_GENERATION = "mesh_traced.rgen";
     /// Which cell of a multi-leaf a place is in.
     PACKED_INTERSECTION = "mesh_traced.rint";
+    /// The picture of tetrahedra that know their faces or neighbours.
+    FACES_GENERATION = "mesh_faces.rgen";
+    /// The face that a ray meets first.
+    FACE_HIT = "face.rchit";
     /// The first of all cells that a place is in.
     LOWEST_HIT = "lowest.rahit";
     /// All cells have been met.

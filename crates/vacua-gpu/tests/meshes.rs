@@ -12,11 +12,13 @@ use vacua_io::Source;
 use vacua_pack::block::Places;
 use vacua_pack::file::{PackedFile, seal, write_file};
 use vacua_pack::layout::{Child, MultiNode};
-use vacua_pack::{BlockSampler, EncodeOptions, Nodes, PackedField, PackedVolume, Variant, encode};
+use vacua_pack::{
+    BlockSampler, DetailLevel, EncodeOptions, Nodes, PackedField, PackedVolume, Variant, encode,
+};
 use vacua_render::contract::PackedCells;
 use vacua_render::{
-    Camera, ClipPlane, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer, Scene,
-    Shading, SkipMethod,
+    Camera, ClipPlane, Detail, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer,
+    Scene, Shading, SkipMethod,
 };
 use vacua_simd::LANES;
 use vacua_synth::{MeshKind, MeshSpec, generate_mesh};
@@ -511,6 +513,24 @@ fn children_of_two_nodes_are_refused() {
     let message = refused.err().map(|e| e.to_string()).unwrap_or_default();
     assert!(message.contains("damaged"), "{message}");
     gpu.render(&whole, &tiny).expect("it still renders");
+    assert_valid(&gpu);
+}
+
+/// Estimates are the CPU's: a device that samples exactly says so, and goes on.
+#[test]
+fn levels_of_detail_are_refused() {
+    let Some(mut gpu) = renderer(GpuOptions::default()) else {
+        return;
+    };
+    let scene = scene_of(&small(MeshKind::Tet100));
+    let coarse = RenderSettings {
+        detail: Detail::Level(DetailLevel::ALL[0]),
+        ..mesh_settings()
+    };
+    let refused = gpu.render(&scene, &coarse).err();
+    let message = refused.map(|e| e.to_string()).unwrap_or_default();
+    assert!(message.contains("level of detail"), "{message}");
+    gpu.render(&scene, &mesh_settings()).expect("exactly");
     assert_valid(&gpu);
 }
 

@@ -1,10 +1,9 @@
 //! What renders: the CPU, or a GPU where there is one.
 
 use std::str::FromStr;
-use std::sync::Arc;
 
 use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuRenderer};
-use vacua_render::{CpuRenderer, Detail, RenderError, RenderSettings, Renderer, Rendering, Scene};
+use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Rendering, Scene};
 
 /// What renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,11 +37,6 @@ impl FromStr for Device {
         }
     }
 }
-
-/// A level of detail that was asked of a GPU.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("level of detail `{0}` on a GPU, which samples exactly; the CPU renders it (--device cpu)")]
-struct DetailOnGpu(&'static str);
 
 /// What rendered the last picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,24 +153,18 @@ impl Renderer for Backend {
         scene: &Scene,
         settings: &RenderSettings,
     ) -> Result<Rendering, RenderError> {
-        if self.gpu.is_some() && settings.detail != Detail::Exact {
-            let refused = DetailOnGpu(settings.detail.name());
-            if !self.is_auto {
-                return Err(RenderError::Device(Arc::new(refused)));
-            }
-            // Exact pictures of the same scene may follow on the GPU.
-            self.reason = Some(refused.to_string());
-            return self.on_cpu(scene, settings);
-        }
         self.last = Last::Gpu;
         if let Some(gpu) = &mut self.gpu {
             match gpu.render(scene, settings) {
                 Err(RenderError::Device(error)) if self.is_auto => {
-                    if !matches!(
-                        error.downcast_ref::<GpuError>(),
-                        Some(GpuError::Unsupported { .. } | GpuError::Memory { .. })
-                    ) {
-                        tracing::warn!(%error, "the GPU failed");
+                    match error.downcast_ref::<GpuError>() {
+                        // Exact pictures of the same scene may follow on the GPU.
+                        Some(GpuError::Detail { .. }) => {
+                            self.reason = Some(error.to_string());
+                            return self.on_cpu(scene, settings);
+                        }
+                        Some(GpuError::Unsupported { .. } | GpuError::Memory { .. }) => {}
+                        _ => tracing::warn!(%error, "the GPU failed"),
                     }
                     self.fall_back(&*error)?;
                 }

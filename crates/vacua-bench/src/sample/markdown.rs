@@ -1,7 +1,7 @@
 //! Prints the tables, each figure with the paper's or the peer's in brackets behind it.
 
-use super::{Order, SampleResults, SceneResult, ShareResult};
-use crate::cell::{Footnotes, count, digits, head, line, seconds};
+use super::{Order, SampleResults, SceneResult, SharePeer, ShareResult};
+use crate::cell::{Cell, Footnotes, count, digits, head, line, seconds};
 use crate::paper_b;
 
 /// All tables.
@@ -22,7 +22,8 @@ pub(super) fn all(results: &SampleResults) -> String {
     }
     let of = results.scenes.first().map_or_else(String::new, name);
     text += &table_4(&results.shares, &of);
-    text += &table_6(&results.shares, &of);
+    let what = "seconds of a core for a picture";
+    text += &table_6(&results.shares, &of, what, |peer| &peer.core_secs);
     text
 }
 
@@ -76,7 +77,7 @@ fn rates(scene: &SceneResult) -> String {
         "\n{} samples a picture; ray order is measured on every seventh tile of it.\n",
         count(scene.samples)
     );
-    if let crate::Cell::Empty { empty } = &scene.cells {
+    if let Cell::Empty { empty } = &scene.cells {
         text += &format!("\nNot measured: {empty}.\n");
     }
     text
@@ -104,7 +105,7 @@ fn bytes(n: u64) -> String {
     format!("{} MB", digits(n as f64 / paper_b::MB))
 }
 
-fn table_4(shares: &[ShareResult], of: &str) -> String {
+pub(crate) fn table_4(shares: &[ShareResult], of: &str) -> String {
     let mut notes = Footnotes::default();
     let mut text = format!("\n## Table 4: bytes of parts, {of} (the big Mars Lander)\n\n");
     let names = [
@@ -152,11 +153,15 @@ fn table_4(shares: &[ShareResult], of: &str) -> String {
     text + &notes.text()
 }
 
-fn table_6(shares: &[ShareResult], of: &str) -> String {
+/// Table 6, of times that `what` says and `secs` gives.
+pub(crate) fn table_6(
+    shares: &[ShareResult],
+    of: &str,
+    what: &str,
+    secs: impl Fn(&SharePeer) -> &Cell<f64>,
+) -> String {
     let mut notes = Footnotes::default();
-    let mut text = format!(
-        "\n## Table 6: seconds of a core for a picture, and bytes, {of} (Jets, seconds)\n\n"
-    );
+    let mut text = format!("\n## Table 6: {what}, and bytes, {of} (Jets, seconds)\n\n");
     let mut names = vec!["part".to_owned(), "cells".to_owned()];
     for (peer, ..) in paper_b::TABLE_6 {
         names.push(peer.to_owned());
@@ -178,7 +183,7 @@ fn table_6(shares: &[ShareResult], of: &str) -> String {
         for (peer, (_, paper_secs, paper_mb)) in result.peers.iter().zip(paper_b::TABLE_6) {
             let paper_cells = paper_b::TABLE_6_CELLS * part as f64 / result.share.of as f64;
             let paper_bytes = paper_mb[part - 1] * paper_b::MB / paper_cells;
-            row.push(notes.cell(&peer.core_secs, Some(paper_secs[part - 1]), seconds));
+            row.push(notes.cell(secs(peer), Some(paper_secs[part - 1]), seconds));
             let per_cell = peer.bytes.map(|n| n as f64 / cells);
             row.push(notes.cell(&per_cell, Some(paper_bytes), digits));
         }

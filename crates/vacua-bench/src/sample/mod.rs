@@ -9,10 +9,10 @@
 //! our own, thus guaranteeing all variants to use the exact same samples", §6.3); frames of the
 //! renderer, with and without skipping, stand beside those of the packed form.
 
-mod markdown;
+pub(crate) mod markdown;
 mod measure;
 mod orders;
-mod parts;
+pub(crate) mod parts;
 mod peers;
 mod picture;
 
@@ -75,16 +75,21 @@ pub struct SampleOptions {
     pub quick: bool,
 }
 
+/// The shares of Tables 4 and 6.
+pub(crate) fn shares_of_tables() -> Vec<Share> {
+    let table_6 = (1..=paper_b::TABLE_6_SHARES).map(|part| Share {
+        part,
+        of: paper_b::TABLE_6_SHARES,
+    });
+    let table_4 = paper_b::TABLE_4.map(|(part, ..)| Share {
+        part,
+        of: paper_b::TABLE_4_SHARES,
+    });
+    table_4.into_iter().chain(table_6).collect()
+}
+
 impl Default for SampleOptions {
     fn default() -> Self {
-        let table_6 = (1..=paper_b::TABLE_6_SHARES).map(|part| Share {
-            part,
-            of: paper_b::TABLE_6_SHARES,
-        });
-        let table_4 = paper_b::TABLE_4.map(|(part, ..)| Share {
-            part,
-            of: paper_b::TABLE_4_SHARES,
-        });
         Self {
             models: [MeshKind::Tet100, MeshKind::Hex150].map(Scene).into(),
             size: MeshSize {
@@ -96,7 +101,7 @@ impl Default for SampleOptions {
             places: 1 << 20,
             repeats: 5,
             threads: None,
-            shares: table_4.into_iter().chain(table_6).collect(),
+            shares: shares_of_tables(),
             quick: false,
         }
     }

@@ -44,7 +44,7 @@ pub(super) fn all(options: &SampleOptions) -> Vec<ShareResult> {
 }
 
 /// The cells of the first sub-meshes.
-fn cut(mesh: &UnstructuredMesh, share: Share) -> Result<UnstructuredMesh, BenchError> {
+pub(crate) fn cut(mesh: &UnstructuredMesh, share: Share) -> Result<UnstructuredMesh, BenchError> {
     if share.part == share.of {
         return Ok(mesh.clone());
     }

@@ -14,9 +14,13 @@ use super::submit::Marcher;
 use super::{GpuRenderer, Tables};
 use crate::error::GpuError;
 use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
+use crate::reference::{Held, MeshReference};
 use crate::shaders;
 use crate::shared::{Parameters, Push, constant, words};
 use crate::vulkan::{Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder};
+
+/// Places a row, where rays find the cells of many.
+const LAUNCH_WIDTH: u32 = 1 << 12;
 
 /// A compute shader over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -96,8 +100,13 @@ impl Subgroups {
             constant(TOGETHER, u32::from(self.together)),
             constant(LANES, self.lanes),
             constant(SUBGROUPS, self.count),
-            constant(INVOCATIONS, self.lanes * self.count),
+            constant(INVOCATIONS, self.invocations()),
         ]
+    }
+
+    /// Invocations of a workgroup.
+    pub(super) fn invocations(self) -> u32 {
+        self.lanes * self.count
     }
 
     /// Workgroups of the march: tiles about as wide as high, one below the other.
@@ -154,6 +163,13 @@ impl GpuRenderer {
         self.options.together = together;
     }
 
+    /// Holds the next meshes in an encoding that the packed one is compared with, or as they are packed
+    /// again; pictures do not depend on it. Its cells are those of the scenes that follow.
+    pub fn set_reference(&mut self, reference: Option<MeshReference>) {
+        self.reference = reference;
+        self.forget();
+    }
+
     pub(super) fn subgroups(&self) -> Result<Subgroups, GpuError> {
         match self.device.info().subgroup_lanes {
             Some(lanes) => {
@@ -191,21 +207,33 @@ impl GpuRenderer {
         let start = Instant::now();
         let advised = self.device.info().max_allocation_bytes.max(1 << 28);
         let limit = self.options.max_buffer_bytes.unwrap_or(u64::MAX);
-        let mut mesh = DeviceMesh::new(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            data.clone(),
-            scale,
-            cells,
-            limit.min(advised),
-        )?;
+        let mut mesh = match &self.reference {
+            Some(reference) => DeviceMesh::of_reference(
+                &self.device,
+                &mut self.commands,
+                &self.layout,
+                (data.clone(), scale),
+                cells,
+                reference,
+            )?,
+            None => DeviceMesh::new(
+                &self.device,
+                &mut self.commands,
+                &self.layout,
+                data.clone(),
+                scale,
+                cells,
+                limit.min(advised),
+            )?,
+        };
         self.layout.bind_parameters(&self.tables.parameters);
-        self.check_mesh(&mesh)?;
-        if mesh.is_of_leaves() {
-            let leaves = self.build_leaves(&mesh)?;
-            mesh.bytes.structures = leaves.size_bytes();
-            mesh.leaves = Some(leaves);
+        if mesh.held == Held::Packed {
+            self.check_mesh(&mesh)?;
+        }
+        if mesh.is_traced() {
+            let structure = self.build_structure(&mut mesh)?;
+            mesh.bytes.structures = structure.size_bytes();
+            mesh.structure = Some(structure);
         }
         mesh.send_secs = start.elapsed().as_secs_f64();
         self.mesh = Some(mesh);
@@ -256,43 +284,58 @@ impl GpuRenderer {
     /// Values at places of the mesh of the last scene, relative to its origin; for tests.
     ///
     /// # Errors
-    /// What the driver says.
+    /// What the driver says; that cells are found by rays where there are no ray tracing pipelines.
     pub fn sample_mesh(&mut self, places: &[[f32; 3]]) -> Result<Vec<MeshSample>, GpuError> {
         let subgroups = self.subgroups()?;
         let Some(mesh) = &self.mesh else {
             return Ok(Vec::new());
         };
-        if mesh.is_of_leaves() {
-            return Err(self.unsupported("places in a mesh without inner nodes"));
-        }
-        let device = &self.device;
         let quads: Vec<[f32; 4]> = places.iter().map(|&[x, y, z]| [x, y, z, 0.0]).collect();
         let size = size_of_val(quads.as_slice()) as u64;
-        let mut from = Buffer::new(device, "places", size, Place::Upload)?;
+        let mut from = Buffer::new(&self.device, "places", size, Place::Upload)?;
         let bytes: &[u8] = bytemuck::cast_slice(&quads);
         from.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-        let to = Buffer::new(device, "samples", size, Place::Device)?;
-        let back = Buffer::new(device, "samples", size, Place::Download)?;
+        let here = Buffer::new(&self.device, "places", size, Place::Device)?;
+        let to = Buffer::new(&self.device, "samples", size, Place::Device)?;
+        let back = Buffer::new(&self.device, "samples", size, Place::Download)?;
         let mut parameters = Parameters::default();
         parameters.picture[0] = places.len() as u32;
-        let constants = constants(mesh, subgroups);
-        let pipeline = self
-            .mesh_pipelines
-            .get(&self.layout, MeshShader::Sample, constants)?;
         let push = Push {
             planes: mesh.header.address(),
-            clips: from.address(),
+            clips: here.address(),
             rgba: to.address(),
             ..Push::default()
+        };
+        let mut constants = constants(mesh, subgroups);
+        let held = mesh.held;
+        let (sampler, size_of_launch) = if mesh.is_traced() {
+            if !self.device.info().has_ray_tracing() {
+                return Err(self.unsupported("a list of places in a mesh whose cells rays find"));
+            }
+            constants.push(Constant {
+                id: mesh_constant::PLACES,
+                bits: 1,
+            });
+            let width = (places.len() as u32).clamp(1, LAUNCH_WIDTH);
+            let rows = (places.len() as u32).div_ceil(width);
+            let pipeline = self.traced_pipeline(held, constants)?;
+            (Marcher::Rays(pipeline), [width, rows])
+        } else {
+            let pipeline = self
+                .mesh_pipelines
+                .get(&self.layout, MeshShader::Sample, constants)?;
+            (
+                Marcher::Places(pipeline, subgroups),
+                [places.len() as u32, 1],
+            )
         };
         let tables = &self.tables;
         self.timings = self.commands.run(&self.layout, |recorder| {
             recorder.stage("tables", |r| {
                 r.write(&tables.parameters, bytemuck::bytes_of(&parameters));
+                r.copy(&from, &here, 0, size);
             });
-            let invocations = subgroups.lanes * subgroups.count;
-            let groups = (places.len() as u32).div_ceil(invocations);
-            recorder.stage("sample", |r| r.dispatch(&pipeline, &push, [groups, 1, 1]));
+            recorder.stage("sample", |r| sampler.record(r, &push, size_of_launch));
             recorder.copy(&to, &back, 0, size);
             recorder.barrier();
             Ok(())
@@ -324,8 +367,9 @@ impl GpuRenderer {
             id,
             bits: special[id as usize],
         }));
-        if mesh.is_of_leaves() {
-            return self.leaf_marcher(constants);
+        if mesh.is_traced() {
+            let held = mesh.held;
+            return self.traced_marcher(held, constants);
         }
         let pipeline = self
             .mesh_pipelines
@@ -345,6 +389,10 @@ impl DeviceMesh {
     pub(super) fn rows(&self) -> [u32; 3] {
         const MOST_PARTS: usize = 1 << 15;
         const GROUPS: u32 = 64;
+        if self.held != Held::Packed {
+            // A list is one part.
+            return [GROUPS * GROUPS, 1, 1];
+        }
         let parts = self.cells.mesh().submeshes().len().clamp(1, MOST_PARTS);
         [GROUPS, parts as u32, 1]
     }
@@ -369,6 +417,8 @@ pub(super) fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant
     let constant = |id, bits| Constant { id, bits };
     let [tets, ..] = mesh.cells.mesh().num_cells_by_type();
     let mut all = vec![
+        constant(mesh_constant::HELD, mesh.held as u32),
+        constant(mesh_constant::ONLY_KIND, mesh.only_kind),
         constant(mesh_constant::HAS_TETS, u32::from(tets > 0)),
         constant(mesh_constant::HAS_OTHERS, u32::from(mesh.has_others())),
         constant(mesh_constant::VALUE_TYPE, mesh.value_type as u32),

@@ -21,10 +21,12 @@ pub(super) enum Marcher {
     Squares(Arc<ComputePipeline>),
     Rays(Arc<RayPipeline>),
     Mesh(Arc<ComputePipeline>, Subgroups),
+    /// A list of places.
+    Places(Arc<ComputePipeline>, Subgroups),
 }
 
 impl Marcher {
-    fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
+    pub(super) fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
         match self {
             Self::Voxels(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
             Self::Squares(pipeline) => {
@@ -34,6 +36,10 @@ impl Marcher {
             Self::Rays(pipeline) => recorder.trace(pipeline, push, size),
             Self::Mesh(pipeline, subgroups) => {
                 recorder.dispatch(pipeline, push, subgroups.tiles(size[0], size[1]));
+            }
+            Self::Places(pipeline, subgroups) => {
+                let groups = [size[0].div_ceil(subgroups.invocations()), 1, 1];
+                recorder.dispatch(pipeline, push, groups);
             }
         }
     }

@@ -8,6 +8,7 @@ use rspirv::spirv::{Decoration, Op};
 
 use super::*;
 use crate::mesh::{DeviceSubmesh, GROUP_PARTS, MeshHeader, ValueType, kinds, mesh_constant};
+use crate::reference::{Held, MIXED};
 use crate::shaders::ALL;
 
 /// Offset and size of every member of a struct.
@@ -197,6 +198,8 @@ fn mesh_header() -> Members {
         submeshes,
         minima,
         groups,
+        links,
+        sides,
         num_submeshes,
         minima_x,
         minima_y,
@@ -216,7 +219,7 @@ fn both_sides_agree_on_meshes() {
         assert_eq!(reflect(&module, "Mesh"), Some(mesh_header()), "{name}");
         seen += 1;
     }
-    assert_eq!(seen, 7, "shaders over meshes");
+    assert_eq!(seen, 8, "shaders over meshes");
     assert_eq!(size_of::<DeviceSubmesh>(), 128, "as an array has them");
     let text = include_str!("../mesh.glsl");
     let number = |name: &str| {
@@ -239,6 +242,11 @@ fn both_sides_agree_on_meshes() {
         ("VALUE_I8", ValueType::I8 as usize),
         ("VALUE_U16", ValueType::U16 as usize),
         ("VALUE_I16", ValueType::I16 as usize),
+        ("MIXED", MIXED as usize),
+        ("HELD_PACKED", Held::Packed as usize),
+        ("HELD_IN_BOXES", Held::InBoxes as usize),
+        ("HELD_BY_FACES", Held::ByFaces as usize),
+        ("HELD_BY_NEIGHBOURS", Held::ByNeighbours as usize),
         ("TETRAHEDRON", vacua_volume::CellType::Tetrahedron as usize),
         ("PYRAMID", vacua_volume::CellType::Pyramid as usize),
         ("WEDGE", vacua_volume::CellType::Wedge as usize),
@@ -251,6 +259,7 @@ fn both_sides_agree_on_meshes() {
         text,
         include_str!("../mesh_search.glsl"),
         include_str!("../mesh_march.comp"),
+        include_str!("../mesh_launch.glsl"),
     ]
     .concat();
     let ids = [
@@ -260,6 +269,9 @@ fn both_sides_agree_on_meshes() {
         (mesh_constant::TOGETHER, "TOGETHER"),
         (mesh_constant::HAS_TETS, "HAS_TETS"),
         (mesh_constant::HAS_OTHERS, "HAS_OTHERS"),
+        (mesh_constant::HELD, "HELD"),
+        (mesh_constant::ONLY_KIND, "ONLY_KIND"),
+        (mesh_constant::PLACES, "PLACES"),
         (mesh_constant::LANES, "LANES"),
         (mesh_constant::SUBGROUPS, "SUBGROUPS"),
     ];
@@ -277,7 +289,13 @@ fn both_sides_agree_on_meshes() {
 fn both_sides_agree_on_every_member() {
     let mut seen = [0, 0];
     // Shaders that only say what a ray met share nothing but that.
-    let without = ["trace.rmiss", "trace.rchit", "lowest.rmiss", "lowest.rahit"];
+    let without = [
+        "trace.rmiss",
+        "trace.rchit",
+        "lowest.rmiss",
+        "lowest.rahit",
+        "face.rchit",
+    ];
     for (name, spirv) in ALL {
         let module = load(spirv);
         let structs = [("Parameters", parameters()), ("Push", push())];

@@ -22,6 +22,13 @@ pub enum Preference {
 pub(crate) enum Shapes {
     /// Three corners of three numbers each, one after the other.
     Triangles { address: u64, num: u32 },
+    /// Triangles of a list of vertices, of three numbers each, by three numbers of 32 bits each.
+    Faces {
+        vertices: u64,
+        num_vertices: u32,
+        indices: u64,
+        num: u32,
+    },
     /// Two corners of three numbers each.
     Boxes { address: u64, num: u32 },
     /// One structure, placed as it is; the address of its description.
@@ -31,7 +38,7 @@ pub(crate) enum Shapes {
 impl Shapes {
     fn num(self) -> u32 {
         match self {
-            Self::Triangles { num, .. } | Self::Boxes { num, .. } => num,
+            Self::Triangles { num, .. } | Self::Faces { num, .. } | Self::Boxes { num, .. } => num,
             Self::Instance { .. } => 1,
         }
     }
@@ -55,6 +62,23 @@ impl Shapes {
                     .vertex_stride(12)
                     .max_vertex((3 * num).saturating_sub(1))
                     .index_type(vk::IndexType::NONE_KHR);
+                geometry
+                    .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+                    .geometry(vk::AccelerationStructureGeometryDataKHR { triangles })
+            }
+            Self::Faces {
+                vertices,
+                num_vertices,
+                indices,
+                ..
+            } => {
+                let triangles = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+                    .vertex_format(vk::Format::R32G32B32_SFLOAT)
+                    .vertex_data(at(vertices))
+                    .vertex_stride(12)
+                    .max_vertex(num_vertices.saturating_sub(1))
+                    .index_type(vk::IndexType::UINT32)
+                    .index_data(at(indices));
                 geometry
                     .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
                     .geometry(vk::AccelerationStructureGeometryDataKHR { triangles })

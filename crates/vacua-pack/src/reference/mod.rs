@@ -20,6 +20,7 @@
 
 mod cells;
 mod face_tree;
+mod faces;
 mod linked;
 mod march;
 mod min_max;
@@ -31,6 +32,7 @@ mod user_geometry;
 mod weigh;
 
 pub use cells::{Cell, Cells};
+pub use faces::{Faces, Neighbours};
 pub use linked::LinkedBvh;
 pub use min_max::MinMaxBvh;
 pub use shared_faces::SharedFaces;

@@ -10,9 +10,9 @@
 //! ray asks it once where it begins.
 
 use super::face_tree::{FaceTree, Line};
+use super::faces::Faces;
 use super::march::{self, Ahead, Net, Tet};
-use super::tet_march::{extent, half_faces, pair_faces};
-use super::weigh::{cross, dot};
+use super::tet_march::extent;
 use super::{Cells, Found, NONE, RaySamples, Reference, ReferenceError};
 use crate::block::Places;
 
@@ -31,12 +31,6 @@ pub struct SharedFaces {
     extent: f64,
 }
 
-type Vec3 = [f64; 3];
-
-fn sub(p: Vec3, q: Vec3) -> Vec3 {
-    [0, 1, 2].map(|i| p[i] - q[i])
-}
-
 impl SharedFaces {
     const NAME: &'static str = "shared faces";
 
@@ -45,34 +39,17 @@ impl SharedFaces {
     /// # Errors
     /// [`ReferenceError`] if there is anything but tetrahedra.
     pub fn new(cells: &Cells) -> Result<Self, ReferenceError> {
-        let corners = cells.tetrahedra(Self::NAME)?;
-        let position = |v: u32| {
-            let [x, y, z, _] = cells.vertices[v as usize];
-            [x, y, z]
-        };
-        let mut faces: Vec<Face> = Vec::with_capacity(2 * corners.len());
-        let mut vertices_of = Vec::with_capacity(2 * corners.len());
-        let mut tets = vec![[NONE; 4]; corners.len()];
-        let all = half_faces(&corners);
-        pair_faces(&all, |first, second| {
-            let [a, b, c] = first.0.map(|v| position(v).map(f64::from));
-            let normal = cross(sub(b, a), sub(c, a));
-            let mut face = [NONE; 2];
-            for half in [Some(first), second].into_iter().flatten() {
-                let (tet, corner) = (half.1 / 4, (half.1 % 4) as usize);
-                let apex = position(corners[tet as usize][corner]).map(f64::from);
-                let side = usize::from(dot(normal, sub(apex, a)) < 0.0);
-                // Two on one side, where tetrahedra overlap: the second takes what is left.
-                let side = if face[side] == NONE { side } else { 1 - side };
-                face[side] = tet;
-                tets[tet as usize][corner] = faces.len() as u32;
-            }
-            faces.push(face);
-            vertices_of.push(first.0);
-        });
-        drop(all);
+        let Faces {
+            corners,
+            faces_of: tets,
+            sides: faces,
+            vertices: vertices_of,
+        } = Faces::new(cells, Self::NAME)?;
         let tree = FaceTree::new(faces.len() as u32, |face| {
-            vertices_of[face as usize].map(position)
+            vertices_of[face as usize].map(|v| {
+                let [x, y, z, _] = cells.vertices[v as usize];
+                [x, y, z]
+            })
         });
         Ok(Self {
             extent: extent(&cells.vertices),

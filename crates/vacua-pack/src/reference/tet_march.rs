@@ -7,12 +7,11 @@
 //! method is that of Garrity (1990). A place that is on no ray is found from where a ray from it
 //! leaves the mesh: marching is no point query.
 
-use rayon::prelude::*;
-
 use super::face_tree::{FaceTree, Line};
+use super::faces::Neighbours;
 use super::march::{self, Ahead, FACES, March, Net, Tet};
 use super::weigh::dot;
-use super::{Cells, Found, NONE, RaySamples, Reference, ReferenceError};
+use super::{Cells, Found, RaySamples, Reference, ReferenceError};
 use crate::block::Places;
 
 /// Tetrahedra and their neighbours.
@@ -24,43 +23,6 @@ pub struct TetMarch {
     boundary: Vec<u32>,
     tree: FaceTree,
     extent: f64,
-}
-
-/// A face of a tetrahedron: its vertices in order, and four times the tetrahedron plus the corner
-/// opposite.
-type HalfFace = ([u32; 3], u32);
-
-/// All faces of all tetrahedra, those with the same vertices side by side.
-pub(super) fn half_faces(tets: &[[u32; 4]]) -> Vec<HalfFace> {
-    let of_tet = |(tet, corners): (usize, &[u32; 4])| {
-        let corners = *corners;
-        (0..4).map(move |k| {
-            let mut face = FACES[k].map(|c| corners[c]);
-            face.sort_unstable();
-            (face, 4 * tet as u32 + k as u32)
-        })
-    };
-    let mut all: Vec<HalfFace> = tets.iter().enumerate().flat_map(of_tet).collect();
-    all.par_sort_unstable();
-    all
-}
-
-/// Calls `visit` with each face that tetrahedra have in common, and each that one has alone. Of more
-/// than two with the same face the first two have it in common.
-pub(super) fn pair_faces(all: &[HalfFace], mut visit: impl FnMut(&HalfFace, Option<&HalfFace>)) {
-    let mut rest = all;
-    while let [first, more @ ..] = rest {
-        match more {
-            [second, more @ ..] if first.0 == second.0 => {
-                visit(first, Some(second));
-                rest = more;
-            }
-            _ => {
-                visit(first, None);
-                rest = more;
-            }
-        }
-    }
 }
 
 /// The longest side of the box around all vertices.
@@ -76,18 +38,11 @@ impl TetMarch {
     /// # Errors
     /// [`ReferenceError`] if there is anything but tetrahedra.
     pub fn new(cells: &Cells) -> Result<Self, ReferenceError> {
-        let corners = cells.tetrahedra(Self::NAME)?;
-        let mut neighbours = vec![[NONE; 4]; corners.len()];
-        let mut boundary = Vec::new();
-        let all = half_faces(&corners);
-        pair_faces(&all, |a, b| match b {
-            Some(b) => {
-                neighbours[(a.1 / 4) as usize][(a.1 % 4) as usize] = b.1 / 4;
-                neighbours[(b.1 / 4) as usize][(b.1 % 4) as usize] = a.1 / 4;
-            }
-            None => boundary.push(a.1),
-        });
-        drop(all);
+        let Neighbours {
+            corners,
+            neighbours,
+            boundary,
+        } = Neighbours::new(cells, Self::NAME)?;
         let tree = FaceTree::new(boundary.len() as u32, |face| {
             let half = boundary[face as usize];
             let tet = corners[(half / 4) as usize];
