@@ -4,7 +4,9 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use glam::{DAffine3, DVec3};
-use vacua_volume::{Association, DataArray, Dataset, FieldChoice, Geometry, UniformGrid};
+use vacua_volume::{
+    Association, DataArray, Dataset, FieldChoice, Geometry, UniformGrid, WorldFrame,
+};
 
 use crate::decode::{Endianness, swap_bytes};
 use crate::error::{IoError, Problem};
@@ -48,6 +50,8 @@ const WRITERS: &[WriteFormat] = &[
 pub(crate) struct Voxels<'a> {
     /// Where the points are.
     pub(crate) grid: &'a UniformGrid,
+    /// What the axes of the world mean.
+    pub(crate) frame: WorldFrame,
     /// One tuple a point.
     pub(crate) values: &'a DataArray,
     /// Whether to compress, where the format can.
@@ -100,6 +104,15 @@ const WHOLE_WRITERS: &[(&str, WholeWriter)] = &[
     ("vtu", vtk::write_vtu),
 ];
 
+/// What VTK XML files lose.
+fn lost_by_vtk(dataset: &Dataset) -> Saved {
+    let frame = dataset.frame().letters();
+    let frame = frame.map(|frame| {
+        format!("VTK files do not say in which anatomical frame coordinates are; these are {frame}")
+    });
+    frame.into_iter().collect()
+}
+
 /// Writes a dataset in the format of the path's extension: all of it as `.vti`, `.vtr`, `.vts` or `.vtu`,
 /// one field as `.npy`, `.nrrd`, `.mha` or `.raw`. Returns what that format could not hold.
 ///
@@ -125,7 +138,7 @@ pub fn save(
             vtk::WriteEncoding::Raw
         };
         write(path, dataset, &vtk::WriteOptions { encoding })?;
-        return Ok(Saved::new());
+        return Ok(lost_by_vtk(dataset));
     }
     let format = WRITERS
         .iter()
@@ -161,6 +174,7 @@ pub fn save(
         .map_err(|e| fail(vacua_volume::DatasetError::from(e).into()))?;
     let voxels = Voxels {
         grid,
+        frame: dataset.frame(),
         values,
         compress: options.compress,
     };

@@ -38,6 +38,9 @@ struct Info {
     #[serde(skip_serializing_if = "Option::is_none")]
     cells: Option<serde_json::Map<String, Value>>,
     bounds: [f64; 6],
+    /// Anatomical frame of the coordinates, where the file says one: `RAS`, `LAS`, `LPS`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     blanked_cells: Option<usize>,
     /// How a `.vacua` file is packed.
@@ -145,6 +148,7 @@ fn describe_packed(file: &PackedFile, input: &InputArgs) -> Result<Info, Failure
         points: Some(summary.num_vertices),
         cells: Some(packed::cells_by_name(summary.num_cells_by_type)),
         bounds: [lo.x, hi.x, lo.y, hi.y, lo.z, hi.z],
+        frame: None,
         blanked_cells: None,
         packed: Some(PackedInfo {
             variant: summary.variant.into(),
@@ -210,6 +214,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
             bounds.lo.z,
             bounds.hi.z,
         ],
+        frame: dataset.frame().letters(),
         blanked_cells: dataset.blanked_cells().map(|mask| mask.num_blank()),
         packed: None,
         fields,
@@ -270,7 +275,11 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
     for (name, count) in info.cells.iter().flatten() {
         writeln!(out, "  {count} × {name}")?;
     }
-    writeln!(out, "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}")?;
+    let frame = info.frame.map_or(String::new(), |f| format!(" ({f})"));
+    writeln!(
+        out,
+        "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}{frame}"
+    )?;
     if let Some(blanked) = info.blanked_cells {
         writeln!(out, "  {blanked} cells blanked")?;
     }
