@@ -184,7 +184,7 @@ fn fields_are_chosen_by_name_and_component() {
 #[test]
 fn fields_are_added_and_swapped_without_encoding_again() {
     let folder = folder();
-    let path = |name: &str| text(&folder.path().join(name));
+    let path = |name: &str| text(&folder.path().join(name).with_extension("vacua"));
     let can = data("can.vtu");
     let paths = [path("plain"), path("updated"), path("fresh")];
     let [plain, updated, fresh] = [0, 1, 2].map(|i| paths[i].as_str());
@@ -238,7 +238,7 @@ fn a_budget_is_kept_or_refused() {
     let folder = folder();
     let path = |name: &str| text(&folder.path().join(name));
     let can = data("can.vtu");
-    let (all, some) = (path("all"), path("some"));
+    let (all, some) = (path("all.vacua"), path("some.vacua"));
     succeed(&["encode", &can, "-o", &all, "--vertices-log2", "9"]);
     let bits = ["--index-bits", "9", "--memory-budget", "4GiB"];
     succeed(&[&["encode", &can, "-o", &some][..], &bits].concat());

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use vacua_io::WriteOptions;
 use vacua_volume::FieldChoice;
 
@@ -16,7 +17,7 @@ pub struct ConvertArgs {
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// The file to write; its ending says the format
-    #[arg(value_name = "OUT")]
+    #[arg(value_name = "OUT", value_parser = PathBufValueParser::new().map(output::place))]
     output: PathBuf,
     #[command(flatten)]
     field: FieldArgs,
@@ -37,6 +38,8 @@ pub fn run(args: ConvertArgs) -> Result<(), Failure> {
         time: args.time,
         raw: args.raw,
     };
+    output::refuse_standard_output(&args.output)?;
+    input.refuse_output(&args.output)?;
     let opened = input.open()?;
     let dataset = args.field.dataset(&opened)?;
     let options = WriteOptions {

@@ -4,9 +4,10 @@ mod fields;
 mod progress;
 mod update;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use serde::Serialize;
 use vacua_pack::file::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
 use vacua_pack::{EncodeOptions, Variant};
@@ -14,7 +15,7 @@ use vacua_volume::{CellType, UnstructuredMesh};
 
 use super::input::InputArgs;
 use super::packed::{Bytes, Memory, VariantName, bytes_text, cells_by_name};
-use super::{Failure, output, values};
+use super::{Failure, Wrong, output, values};
 use progress::Progress;
 
 /// Arguments of `vacua encode`.
@@ -27,6 +28,7 @@ pub struct EncodeArgs {
         short,
         long,
         value_name = "OUT.vacua",
+        value_parser = PathBufValueParser::new().map(output::place),
         required_unless_present = "update"
     )]
     output: Option<PathBuf>,
@@ -110,8 +112,26 @@ struct Secs {
     write: f64,
 }
 
+/// Checks that the output is named as a `.vacua` file and is none of the inputs.
+fn check_output(args: &EncodeArgs, path: &Path) -> Result<(), Failure> {
+    let is_vacua = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"));
+    if !is_vacua {
+        return Err(Wrong(format!(
+            "{}: encoded meshes are written to files whose names end in .vacua",
+            path.display()
+        ))
+        .into());
+    }
+    args.input.refuse_output(path)
+}
+
 /// Runs `vacua encode`.
 pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.output {
+        check_output(args, path)?;
+    }
     if let Some(target) = &args.update {
         return update::run(args, target);
     }

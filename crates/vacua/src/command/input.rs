@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use vacua_io::ReadOptions;
 use vacua_volume::{Dataset, ScalarType};
 
-use super::{Failure, Wrong, packed, values};
+use super::{Failure, Wrong, output, packed, values};
 
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
@@ -113,6 +113,17 @@ impl InputArgs {
         let path = steps[step].path.clone();
         let dataset = vacua_io::open_with(&path, &options)?;
         Ok(Opened::new(dataset, path, steps.len(), step))
+    }
+
+    /// Refuses to write over one of the files.
+    pub fn refuse_output(&self, path: &Path) -> Result<(), Failure> {
+        for file in &self.files {
+            output::refuse_input(path, file)?;
+            for step in expand(file)? {
+                output::refuse_input(path, &step.path)?;
+            }
+        }
+        Ok(())
     }
 
     /// Opens a time step by its number, among those that [`Self::open`] counted.
