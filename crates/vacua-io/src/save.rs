@@ -104,8 +104,19 @@ const WHOLE_WRITERS: &[(&str, WholeWriter)] = &[
     ("vtu", vtk::write_vtu),
 ];
 
-/// What VTK XML files lose.
-fn lost_by_vtk(dataset: &Dataset) -> Saved {
+/// What of the arrays that belong to neither points nor cells is lost: all.
+fn lost_field_data(dataset: &Dataset) -> Saved {
+    match dataset.field_data() {
+        [] => Saved::new(),
+        names => vec![format!(
+            "arrays of the whole data set (field data) are left out: {}",
+            names.join(", ")
+        )],
+    }
+}
+
+/// What VTK XML files lose of the meaning of coordinates.
+fn lost_frame(dataset: &Dataset) -> Saved {
     let frame = dataset.frame().letters();
     let frame = frame.map(|frame| {
         format!("VTK files do not say in which anatomical frame coordinates are; these are {frame}")
@@ -138,7 +149,7 @@ pub fn save(
             vtk::WriteEncoding::Raw
         };
         write(path, dataset, &vtk::WriteOptions { encoding })?;
-        return Ok(lost_by_vtk(dataset));
+        return Ok([lost_frame(dataset), lost_field_data(dataset)].concat());
     }
     let format = WRITERS
         .iter()
@@ -178,5 +189,6 @@ pub fn save(
         values,
         compress: options.compress,
     };
-    (format.write)(path, &voxels)
+    let lost = (format.write)(path, &voxels)?;
+    Ok([lost, lost_field_data(dataset)].concat())
 }

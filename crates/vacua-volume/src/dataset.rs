@@ -69,6 +69,7 @@ pub struct Dataset {
     geometry: Arc<Geometry>,
     fields: Vec<Field>,
     frame: WorldFrame,
+    field_data: Vec<String>,
     blanked_cells: Option<Arc<CellMask>>,
     notes: Vec<String>,
     times: Vec<f64>,
@@ -219,6 +220,7 @@ impl Dataset {
             geometry: Arc::new(geometry),
             fields,
             frame: WorldFrame::Unlabelled,
+            field_data: Vec::new(),
             blanked_cells,
             notes: Vec::new(),
             times: Vec::new(),
@@ -241,6 +243,12 @@ impl Dataset {
     /// Says in which anatomical frame the world coordinates are; none is said before.
     pub fn with_frame(mut self, frame: WorldFrame) -> Self {
         self.frame = frame;
+        self
+    }
+
+    /// Names arrays of the file that belong to neither points nor cells and are not kept.
+    pub fn with_field_data(mut self, names: Vec<String>) -> Self {
+        self.field_data = names;
         self
     }
 
@@ -303,6 +311,12 @@ impl Dataset {
     /// The anatomical frame of the world coordinates.
     pub fn frame(&self) -> WorldFrame {
         self.frame
+    }
+
+    /// Names of the file's arrays that belong to neither points nor cells (VTK's field data). Their
+    /// values are not kept.
+    pub fn field_data(&self) -> &[String] {
+        &self.field_data
     }
 
     /// All fields.

@@ -17,6 +17,7 @@ use vacua_volume::Dataset;
 use crate::error::Problem;
 use crate::registry::{Format, ReadOptions};
 use crate::source::Source;
+use crate::vtk::UNNAMED;
 use document::XmlFile;
 pub(crate) use structured::as_float;
 use structured::{GridKind, Structured};
@@ -40,6 +41,21 @@ fn sniff(bytes: &[u8]) -> bool {
 /// Reads the markup and describes the fields.
 fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
     let file = XmlFile::parse(source)?;
+    let field_data = field_data(&file);
+    Ok(read_data_set(file)?.with_field_data(field_data))
+}
+
+/// Names of the arrays that belong to the whole data set.
+fn field_data(file: &XmlFile) -> Vec<String> {
+    let section = file.data_set().ok().and_then(|d| d.child("FieldData"));
+    let arrays = section.into_iter().flat_map(|s| &s.children);
+    arrays
+        .filter(|a| matches!(a.name.as_str(), "DataArray" | "Array"))
+        .map(|a| a.attribute("Name").unwrap_or(UNNAMED).to_owned())
+        .collect()
+}
+
+fn read_data_set(file: XmlFile) -> Result<Dataset, Problem> {
     let type_name = file.root.required("type")?.to_owned();
     if let Some(kind) = GridKind::from_type(&type_name) {
         return Structured::from_file(file, kind)?.into_dataset();
