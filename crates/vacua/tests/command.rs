@@ -213,6 +213,20 @@ fn a_series_has_steps() {
     std::fs::write(&series, list).expect("writable");
     let info = json(&["info", &text(&series), "--time", "1.5", "--json"]);
     assert_eq!(info["time_step"], 1);
+    let collection = folder.path().join("s.pvd");
+    let list = r#"<VTKFile type="Collection"><Collection>
+        <DataSet timestep="1.5" file="s_10_20x20x20_uint8.raw"/>
+        <DataSet timestep="0.5" file="s_9_20x20x20_uint8.raw"/></Collection></VTKFile>"#;
+    std::fs::write(&collection, list).expect("writable");
+    for time in ["1.5", "1"] {
+        let info = json(&["info", &text(&collection), "--time", time, "--json"]);
+        assert_eq!(
+            (&info["time_step"], &info["time_steps"]),
+            (&1.into(), &2.into())
+        );
+        // The first voxel says which file it is of.
+        assert_eq!(info["fields"][0]["range"][1], 251);
+    }
     let output = vacua(&["info", &text(&series), "--time", "7"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(

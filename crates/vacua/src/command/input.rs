@@ -10,7 +10,7 @@ use super::{Failure, Wrong, output, packed, values};
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
 pub struct InputArgs {
-    /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series
+    /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series or .pvd
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
     /// Time step: its number from 0, or its time where the series has times [default: the first]

@@ -2,9 +2,10 @@
 //!
 //! `document` reads markup, `data_array` and `codec` numbers: these serve every type.
 //! `structured` makes datasets of grids, `parallel` finds the pieces of a parallel file of grids;
-//! `unstructured` makes meshes of both.
+//! `unstructured` makes meshes of both; `collection` reads files that list others.
 
 pub(crate) mod codec;
+mod collection;
 pub(crate) mod data_array;
 pub(crate) mod document;
 mod fields;
@@ -25,7 +26,9 @@ use structured::{GridKind, Structured};
 /// The VTK XML formats.
 pub(crate) const FORMAT: Format = Format {
     name: "VTK XML",
-    extensions: &["vti", "vtr", "vts", "vtu", "pvti", "pvtr", "pvts", "pvtu"],
+    extensions: &[
+        "vti", "vtr", "vts", "vtu", "pvti", "pvtr", "pvts", "pvtu", "pvd", "vtm", "vtmb",
+    ],
     sniff: Some(sniff),
     read,
 };
@@ -39,10 +42,16 @@ fn sniff(bytes: &[u8]) -> bool {
 }
 
 /// Reads the markup and describes the fields.
-fn read(source: &Source, _: &ReadOptions) -> Result<Dataset, Problem> {
-    let file = XmlFile::parse(source)?;
-    let field_data = field_data(&file);
-    Ok(read_data_set(file)?.with_field_data(field_data))
+fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
+    read_file(XmlFile::parse(source)?, options)
+}
+
+/// Describes the fields of a file whose markup is read.
+fn read_file(file: XmlFile, options: &ReadOptions) -> Result<Dataset, Problem> {
+    let own = field_data(&file);
+    let dataset = read_data_set(file, options)?;
+    let all = [dataset.field_data(), &own].concat();
+    Ok(dataset.with_field_data(all))
 }
 
 /// Names of the arrays that belong to the whole data set.
@@ -55,7 +64,7 @@ fn field_data(file: &XmlFile) -> Vec<String> {
         .collect()
 }
 
-fn read_data_set(file: XmlFile) -> Result<Dataset, Problem> {
+fn read_data_set(file: XmlFile, options: &ReadOptions) -> Result<Dataset, Problem> {
     let type_name = file.root.required("type")?.to_owned();
     if let Some(kind) = GridKind::from_type(&type_name) {
         return Structured::from_file(file, kind)?.into_dataset();
@@ -64,11 +73,11 @@ fn read_data_set(file: XmlFile) -> Result<Dataset, Problem> {
         return parallel::read(&file, kind)?.into_dataset();
     }
     match type_name.as_str() {
-        unstructured::SERIAL => return unstructured::read(file),
-        unstructured::PARALLEL => return unstructured::read_parallel(&file),
-        _ => {}
+        unstructured::SERIAL | unstructured::PARALLEL => unstructured::read(file),
+        collection::COLLECTION => collection::read_collection(&file, options),
+        collection::MULTI_BLOCK => collection::read_blocks(&file),
+        _ => Err(Problem::unsupported(format!(
+            "the VTK data set type `{type_name}`"
+        ))),
     }
-    Err(Problem::unsupported(format!(
-        "the VTK data set type `{type_name}`"
-    )))
 }
