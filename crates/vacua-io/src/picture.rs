@@ -97,6 +97,10 @@ impl PictureFormat {
         match extension.as_str() {
             "png" => Ok(Self::Png),
             "exr" => Ok(Self::Exr),
+            "" => Err(Problem::Unsupported {
+                what: "writing a picture to a name without an ending".to_owned(),
+                hint: Some("give one that ends in .png or .exr".to_owned()),
+            }),
             _ => Err(Problem::Unsupported {
                 what: format!("writing a picture as `.{extension}`"),
                 hint: Some("give a name that ends in .png or .exr".to_owned()),

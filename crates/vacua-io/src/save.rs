@@ -160,8 +160,12 @@ pub fn save(
                 .map(|f| format!("{} (.{})", f.name, f.extensions.join(", .")))
                 .collect();
             known.push("VTK XML (.vti, .vtr, .vts, .vtu)".to_owned());
+            let what = match extension.as_str() {
+                "" => "writing to a name without an ending".to_owned(),
+                extension => format!("writing `.{extension}` files"),
+            };
             fail(Problem::unsupported_but(
-                format!("writing `.{extension}` files"),
+                what,
                 format!("vacua writes {}", known.join(", ")),
             ))
         })?;

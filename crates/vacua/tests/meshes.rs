@@ -177,6 +177,11 @@ fn fields_are_chosen_by_name_and_component() {
     fails(&["encode", &can, "-o", &packed, "--fields", "DISPL:x"], 2);
     fails(&["encode", &can, "-o", &packed, "--variant", "3"], 2);
     fails(&["encode", &can, "-o", &packed, "--index-bits", "7"], 2);
+    fails(&["encode", &can, "-o", &packed, "--threads", "0"], 2);
+    succeed(&["encode", &can, "-o", &packed]);
+    let by_all = std::fs::read(&packed).expect("written");
+    succeed(&["encode", &can, "-o", &packed, "--threads", "1"]);
+    assert!(std::fs::read(&packed).expect("written") == by_all);
     let grid = fails(&["encode", &data("hydrogen.vti"), "-o", &packed], 1);
     assert!(grid.contains("uniform grid"), "{grid}");
 }
@@ -205,6 +210,7 @@ fn fields_are_added_and_swapped_without_encoding_again() {
     assert!(info["packed"]["bytes"]["map"].as_u64() > Some(0));
     let message = fails(&["encode", &data("post.vtk"), "--update", updated], 1);
     assert!(message.contains("values, the mesh's"), "{message}");
+    assert!(message.contains("points need at least 6724:"), "{message}");
 }
 
 #[test]

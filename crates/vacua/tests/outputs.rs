@@ -134,6 +134,16 @@ fn what_would_be_lost_is_refused() {
     assert!(fails(&twice, 2).contains("one file"));
     assert!(!PathBuf::from(one).exists());
 
+    let bare = text(&folder.path().join("bare"));
+    assert!(fails(&["render", &grid, "-o", &bare], 2).contains("without an ending"));
+    let message = fails(&["convert", &grid, &bare], 1);
+    assert!(
+        message.contains("without an ending") && message.contains(".vti"),
+        "{message}"
+    );
+    let message = fails(&["convert", &mesh, &vacua_mesh], 2);
+    assert!(message.contains("vacua encode"), "{message}");
+
     let nowhere = text(&folder.path().join("none/a.png"));
     let message = fails(&["render", &grid, "-o", &nowhere], 1);
     assert!(!message.contains(".vacua-"), "{message}");

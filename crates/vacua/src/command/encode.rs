@@ -57,6 +57,9 @@ pub struct EncodeArgs {
     /// Add or swap the fields of FILE, which has the same mesh, in this file written with --keep-map
     #[arg(long, value_name = "ENCODED.vacua", conflicts_with_all = ["variant", "index_bits", "keep_map", "memory_budget"])]
     update: Option<PathBuf>,
+    /// Threads [default: all there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -132,6 +135,18 @@ pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
     if let Some(path) = &args.output {
         check_output(args, path)?;
     }
+    let Some(threads) = args.threads else {
+        return encode(args);
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(usize::from(threads))
+        .build()
+        .map_err(|e| Failure::Other(Box::new(e)))?;
+    pool.install(|| encode(args))
+}
+
+/// Does so on the threads at hand.
+fn encode(args: &EncodeArgs) -> Result<(), Failure> {
     if let Some(target) = &args.update {
         return update::run(args, target);
     }
@@ -165,7 +180,7 @@ pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
         None => options,
         Some(bytes) => options.with_memory_budget(bytes, mesh).map_err(|least| {
             Failure::plain(format!(
-                "{}: cannot be encoded within {}; {} are needed with {} threads (RAYON_NUM_THREADS=1 needs fewer)",
+                "{}: cannot be encoded within {}; {} are needed with {} threads (--threads 1 needs less)",
                 opened.path.display(),
                 bytes_text(bytes),
                 bytes_text(least),

@@ -7,7 +7,9 @@ use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Number, Value};
 use vacua_pack::file::{PackedFile, VectorComponent};
-use vacua_volume::{Bounds, CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
+use vacua_volume::{
+    Bounds, CellType, DataArray, Dataset, Scalar, ScalarType, UnstructuredMesh, ValueRange,
+};
 
 use super::input::{InputArgs, Opened};
 use super::packed::{self, Bytes, Memory, VariantName};
@@ -185,7 +187,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
             .load()
             .map_err(|e| Failure::contents(&opened.path, e))?;
         let mut ranges: Vec<Value> = (0..values.components())
-            .map(|c| range_json(values.range(c), values.scalar_type()))
+            .map(|c| exact_range(values, c))
             .collect();
         fields.push(FieldInfo {
             name: field.name().to_owned(),
@@ -236,6 +238,24 @@ fn cells_by_type(mesh: &UnstructuredMesh) -> serde_json::Map<String, Value> {
         .chain(left_out)
         .map(|(name, count)| (name.to_owned(), Value::from(count)))
         .collect()
+}
+
+/// The range of a component as JSON. Integers of 64 bits stay as they are, which `f64` does not hold.
+fn exact_range(values: &DataArray, component: usize) -> Value {
+    fn ends<T: Scalar + Ord + Into<Number>>(values: &DataArray, component: usize) -> Option<Value> {
+        let all = values.as_slice::<T>()?;
+        let of_component = || all.iter().skip(component).step_by(values.components());
+        let (lo, hi) = (of_component().min()?, of_component().max()?);
+        Some(Value::Array(
+            [*lo, *hi].map(|end| Value::Number(end.into())).to_vec(),
+        ))
+    }
+    let exact = match values.scalar_type() {
+        ScalarType::U64 => ends::<u64>(values, component),
+        ScalarType::I64 => ends::<i64>(values, component),
+        _ => None,
+    };
+    exact.unwrap_or_else(|| range_json(values.range(component), values.scalar_type()))
 }
 
 /// A range as JSON; whole numbers of whole-number types print as such.

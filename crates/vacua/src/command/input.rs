@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use vacua_io::ReadOptions;
+use vacua_io::{IoError, ReadOptions};
 use vacua_volume::{Dataset, ScalarType};
 
 use super::{Failure, Wrong, output, packed, values};
@@ -111,7 +111,7 @@ impl InputArgs {
         let times: Vec<Option<f64>> = steps.iter().map(|s| s.time).collect();
         let step = choose(&times, self.time.as_deref())?;
         let path = steps[step].path.clone();
-        let dataset = vacua_io::open_with(&path, &options)?;
+        let dataset = open_dataset(&path, &options)?;
         Ok(Opened::new(dataset, path, steps.len(), step))
     }
 
@@ -144,14 +144,14 @@ impl InputArgs {
                 None => return Err(Failure::plain(format!("there is no step {step}"))),
             },
         };
-        let dataset = vacua_io::open_with(&path, &options)?;
+        let dataset = open_dataset(&path, &options)?;
         let num_steps = num_steps.max(dataset.times().len());
         Ok(Opened::new(dataset, path, num_steps, step))
     }
 
     /// Opens the chosen time step of a file that may have several.
     fn open_steps_of(&self, path: &Path, options: ReadOptions) -> Result<Opened, Failure> {
-        let mut dataset = vacua_io::open_with(path, &options)?;
+        let mut dataset = open_dataset(path, &options)?;
         let times: Vec<Option<f64>> = match dataset.times() {
             [] => vec![None],
             times => times.iter().copied().map(Some).collect(),
@@ -159,7 +159,7 @@ impl InputArgs {
         let step = choose(&times, self.time.as_deref())?;
         if step != dataset.step() {
             let step = Some(step);
-            dataset = vacua_io::open_with(path, &ReadOptions { step, ..options })?;
+            dataset = open_dataset(path, &ReadOptions { step, ..options })?;
         }
         Ok(Opened::new(dataset, path.to_owned(), times.len(), step))
     }
@@ -178,6 +178,11 @@ impl Opened {
             step,
         }
     }
+}
+
+/// Opens a file that is no `.vacua` file.
+fn open_dataset(path: &Path, options: &ReadOptions) -> Result<Dataset, IoError> {
+    vacua_io::open_with(path, options).map_err(vacua::with_own_format)
 }
 
 /// The steps that one argument stands for.

@@ -18,14 +18,24 @@ pub fn place(path: PathBuf) -> PathBuf {
     path
 }
 
-/// Refuses standard output where its ending must say what is written.
-pub fn refuse_standard_output(path: &Path) -> Result<(), Wrong> {
-    if !is_standard_output(path) {
-        return Ok(());
+/// Refuses what no dataset can be written to, and says why: standard output, which has no ending to say
+/// the format, and `.vacua` files.
+pub fn check_dataset_format(path: &Path) -> Result<(), Wrong> {
+    if is_standard_output(path) {
+        return Err(Wrong(
+            "standard output has no ending that says the format; give a file name".to_owned(),
+        ));
     }
-    Err(Wrong(
-        "standard output has no ending that says the format; give a file name".to_owned(),
-    ))
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"))
+    {
+        return Err(Wrong(format!(
+            "{}: .vacua files are made by `vacua encode`, from a file with a mesh",
+            path.display()
+        )));
+    }
+    Ok(())
 }
 
 /// Refuses to write over a file that is read.

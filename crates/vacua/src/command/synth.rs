@@ -97,7 +97,7 @@ fn share(text: &str) -> Result<f64, String> {
 
 /// Runs `vacua synth`.
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
-    output::refuse_standard_output(&args.output)?;
+    output::check_dataset_format(&args.output)?;
     let dataset = match args.kind {
         AnyKind::Volume(kind) => volume(args, kind)?,
         AnyKind::Mesh(kind) => mesh(args, kind)?,
