@@ -29,7 +29,7 @@ pub mod transfer_json;
 pub mod vtk;
 mod xdmf;
 
-pub use atomic::write_atomically;
+pub use atomic::{STANDARD_OUTPUT, is_same_file, is_standard_output, is_stream, write_atomically};
 pub use error::{IoError, Problem};
 pub use registry::{Format, ReadOptions, formats, open, open_source, open_with};
 pub use save::{Saved, WriteOptions, save};

@@ -2,6 +2,8 @@
 //!
 //! The header is `Key = value` lines, the last of them `ElementDataFile`. `Offset` is the centre of
 //! the first voxel, the rows of `TransformMatrix` are the directions of the index axes.
+//! Coordinates are LPS (x to the left, y to the back, z up) as ITK takes them, whatever the key
+//! `AnatomicalOrientation` says, which ITK does not read either; labelled ones are written so.
 //! Four-dimensional images are series, of which the first step is read.
 //! Source: itk.org/Wiki/MetaIO/Documentation, and MetaIO's `metaImage.cxx` where that is silent
 //! (`MET_LONG` has 4 bytes; a negative `HeaderSize` counts from the end).
@@ -13,7 +15,7 @@ use std::path::Path;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::{DAffine3, DMat3, DVec3};
-use vacua_volume::{Dataset, Geometry, ScalarType, UniformGrid};
+use vacua_volume::{Dataset, Geometry, ScalarType, UniformGrid, WorldFrame};
 
 use crate::atomic::write_atomically;
 use crate::decode::{Endianness, Layout, shown};
@@ -258,7 +260,8 @@ fn read(source: &Source, _options: &ReadOptions) -> Result<Dataset, Problem> {
     let mut dataset = Dataset::new(
         Geometry::Uniform(grid),
         vec![payload.into_field("scalars")?],
-    )?;
+    )?
+    .with_frame(WorldFrame::Lps);
     if let Some(note) = surplus {
         dataset = dataset.with_note(note);
     }
@@ -365,8 +368,29 @@ fn write(path: &Path, voxels: &Voxels) -> Result<Saved, IoError> {
     Ok(Vec::new())
 }
 
+/// The letters of where each axis starts, by the direction that it runs in most: MetaIO's
+/// `AnatomicalOrientation`. A body's axes are `RAI` in LPS coordinates that are not turned.
+fn anatomical_orientation(axes_lps: [DVec3; 3]) -> String {
+    const STARTS: [[char; 2]; 3] = [['R', 'L'], ['A', 'P'], ['I', 'S']];
+    axes_lps
+        .map(|axis| {
+            let most = axis.abs().max_position();
+            STARTS[most][usize::from(axis[most] < 0.0)]
+        })
+        .iter()
+        .collect()
+}
+
 fn header_text(voxels: &Voxels, packed_bytes: Option<usize>) -> String {
-    let (axes, origin) = voxels.axes_and_origin();
+    let (mut axes, mut origin) = voxels.axes_and_origin();
+    let mut orientation = String::new();
+    if let Some(signs) = voxels.frame.signs_to(WorldFrame::Lps) {
+        // Adding zero makes a positive zero of a negative one.
+        axes = axes.map(|axis| signs * axis + 0.0);
+        origin = signs * origin + 0.0;
+        let letters = anatomical_orientation(axes);
+        orientation = format!("AnatomicalOrientation = {letters}\n");
+    }
     let vector = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
     let directions = axes.map(|axis| vector(axis / axis.length())).join(" ");
     let spacing = voxels.grid.spacing();
@@ -393,7 +417,7 @@ fn header_text(voxels: &Voxels, packed_bytes: Option<usize>) -> String {
     let _ = write!(
         text,
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
-         {compression}TransformMatrix = {directions}\nOffset = {}\nElementSpacing = {}\n\
+         {compression}TransformMatrix = {directions}\nOffset = {}\n{orientation}ElementSpacing = {}\n\
          DimSize = {x} {y} {z}\nElementNumberOfChannels = {channels}\n\
          ElementType = {element_type}\n",
         vector(origin),

@@ -1,7 +1,8 @@
 //! NIfTI-1 and NIfTI-2: `.nii`, `.nii.gz`, and pairs of `.hdr` and `.img`.
 //!
 //! Positions come from `sform`, else `qform`, else the voxel sizes alone with the first voxel at
-//! the origin (method 1 of the standard). Coordinates stay in the file's space and unit. Values
+//! the origin (method 1 of the standard). Coordinates stay in the file's space and unit; by `sform`
+//! and `qform` they are RAS (x to the right, y to the front, z up), by neither they mean nothing. Values
 //! are scaled by `scl_slope` and `scl_inter` unless that changes nothing: then they keep their
 //! type. The first volume of a series is read. Source: `nifti1.h` and `nifti2.h` of the NIfTI
 //! data format working group.
@@ -13,7 +14,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use vacua_volume::{
     Association, DataArray, Dataset, Field, Geometry, LoadError, Scalar, ScalarType, UniformGrid,
-    dispatch_scalar,
+    WorldFrame, dispatch_scalar,
 };
 
 use crate::decode::{Endianness, Layout, shown};
@@ -277,6 +278,15 @@ impl Header {
         DAffine3::from_mat3(DMat3::from_diagonal(sizes))
     }
 
+    /// What the file's space means.
+    fn frame(&self) -> WorldFrame {
+        if self.sform_code > 0 || self.qform_code > 0 {
+            WorldFrame::Ras
+        } else {
+            WorldFrame::Unlabelled
+        }
+    }
+
     /// The scaling of values, if it changes any.
     fn scaling(&self) -> Result<Option<(f64, f64)>, Problem> {
         let (slope, inter) = (self.slope, self.inter);
@@ -353,7 +363,8 @@ fn read_from(source: &Source) -> Result<Dataset, Problem> {
         None => payload.into_field("scalars")?,
         Some((slope, inter)) => scaled_field(payload, slope, inter)?,
     };
-    let mut dataset = Dataset::new(Geometry::Uniform(grid), vec![field])?;
+    let mut dataset =
+        Dataset::new(Geometry::Uniform(grid), vec![field])?.with_frame(header.frame());
     if let Some(note) = surplus {
         dataset = dataset.with_note(note);
     }

@@ -5,7 +5,7 @@
 //! units along the ray, infinite where nothing was met) and, if given, the cost plane in channel
 //! `cost`; nothing in it varies by run, time or number of threads.
 
-use std::io::{BufWriter, Error, Seek, Write};
+use std::io::{BufWriter, Cursor, Error, Seek, Write};
 use std::path::Path;
 
 use exr::prelude::{
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use vacua_volume::srgb_from_linear;
 
 use crate::error::{IoError, Problem};
-use crate::write_atomically;
+use crate::{is_stream, write_atomically};
 
 /// A finished picture, row by row from the top, pixels from the left.
 #[derive(Clone, Copy, Debug)]
@@ -82,11 +82,14 @@ pub enum PictureFormat {
 }
 
 impl PictureFormat {
-    /// The format that a file name asks for.
+    /// The format that a file name asks for; a PNG for a [stream](is_stream) without an ending.
     ///
     /// # Errors
     /// [`Problem::Unsupported`] if it ends neither in `.png` nor in `.exr`.
     pub fn of(path: &Path) -> Result<Self, Problem> {
+        if path.extension().is_none() && is_stream(path) {
+            return Ok(Self::Png);
+        }
         let extension = path
             .extension()
             .map(|e| e.to_string_lossy().to_lowercase())
@@ -94,6 +97,10 @@ impl PictureFormat {
         match extension.as_str() {
             "png" => Ok(Self::Png),
             "exr" => Ok(Self::Exr),
+            "" => Err(Problem::Unsupported {
+                what: "writing a picture to a name without an ending".to_owned(),
+                hint: Some("give one that ends in .png or .exr".to_owned()),
+            }),
             _ => Err(Problem::Unsupported {
                 what: format!("writing a picture as `.{extension}`"),
                 hint: Some("give a name that ends in .png or .exr".to_owned()),
@@ -171,7 +178,12 @@ fn straight_bytes(rgba: &[[f32; 4]]) -> Vec<u8> {
 /// [`IoError`] if the planes do not fit or the file cannot be written.
 pub fn write_exr(path: &Path, picture: &Picture) -> Result<(), IoError> {
     picture.check().map_err(|p| p.in_file(path))?;
-    write_atomically(path, |file| write_exr_to(file, picture))
+    write_atomically(path, |file| {
+        // In memory first: its table of places is written last, which no pipe takes.
+        let mut whole = BufWriter::new(Cursor::new(Vec::new()));
+        write_exr_to(&mut whole, picture)?;
+        file.write_all(whole.into_inner()?.get_ref())
+    })
 }
 
 fn write_exr_to<W: Write + Seek>(

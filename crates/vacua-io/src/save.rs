@@ -4,7 +4,9 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use glam::{DAffine3, DVec3};
-use vacua_volume::{Association, DataArray, Dataset, FieldChoice, Geometry, UniformGrid};
+use vacua_volume::{
+    Association, DataArray, Dataset, FieldChoice, Geometry, UniformGrid, WorldFrame,
+};
 
 use crate::decode::{Endianness, swap_bytes};
 use crate::error::{IoError, Problem};
@@ -48,6 +50,8 @@ const WRITERS: &[WriteFormat] = &[
 pub(crate) struct Voxels<'a> {
     /// Where the points are.
     pub(crate) grid: &'a UniformGrid,
+    /// What the axes of the world mean.
+    pub(crate) frame: WorldFrame,
     /// One tuple a point.
     pub(crate) values: &'a DataArray,
     /// Whether to compress, where the format can.
@@ -100,6 +104,26 @@ const WHOLE_WRITERS: &[(&str, WholeWriter)] = &[
     ("vtu", vtk::write_vtu),
 ];
 
+/// What of the arrays that belong to neither points nor cells is lost: all.
+fn lost_field_data(dataset: &Dataset) -> Saved {
+    match dataset.field_data() {
+        [] => Saved::new(),
+        names => vec![format!(
+            "arrays of the whole data set (field data) are left out: {}",
+            names.join(", ")
+        )],
+    }
+}
+
+/// What VTK XML files lose of the meaning of coordinates.
+fn lost_frame(dataset: &Dataset) -> Saved {
+    let frame = dataset.frame().letters();
+    let frame = frame.map(|frame| {
+        format!("VTK files do not say in which anatomical frame coordinates are; these are {frame}")
+    });
+    frame.into_iter().collect()
+}
+
 /// Writes a dataset in the format of the path's extension: all of it as `.vti`, `.vtr`, `.vts` or `.vtu`,
 /// one field as `.npy`, `.nrrd`, `.mha` or `.raw`. Returns what that format could not hold.
 ///
@@ -125,7 +149,7 @@ pub fn save(
             vtk::WriteEncoding::Raw
         };
         write(path, dataset, &vtk::WriteOptions { encoding })?;
-        return Ok(Saved::new());
+        return Ok([lost_frame(dataset), lost_field_data(dataset)].concat());
     }
     let format = WRITERS
         .iter()
@@ -136,8 +160,12 @@ pub fn save(
                 .map(|f| format!("{} (.{})", f.name, f.extensions.join(", .")))
                 .collect();
             known.push("VTK XML (.vti, .vtr, .vts, .vtu)".to_owned());
+            let what = match extension.as_str() {
+                "" => "writing to a name without an ending".to_owned(),
+                extension => format!("writing `.{extension}` files"),
+            };
             fail(Problem::unsupported_but(
-                format!("writing `.{extension}` files"),
+                what,
                 format!("vacua writes {}", known.join(", ")),
             ))
         })?;
@@ -161,8 +189,10 @@ pub fn save(
         .map_err(|e| fail(vacua_volume::DatasetError::from(e).into()))?;
     let voxels = Voxels {
         grid,
+        frame: dataset.frame(),
         values,
         compress: options.compress,
     };
-    (format.write)(path, &voxels)
+    let lost = (format.write)(path, &voxels)?;
+    Ok([lost, lost_field_data(dataset)].concat())
 }

@@ -1,6 +1,6 @@
 //! A file's bytes, memory-mapped, shared by everything that was read from it.
 
-use std::fs::File;
+use std::fs::{File, FileType};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -18,6 +18,39 @@ pub struct Source {
 
 struct Mapping(Mmap);
 
+/// Refuses what cannot be mapped.
+fn refuse_irregular(file_type: FileType) -> Result<(), Problem> {
+    if file_type.is_file() {
+        return Ok(());
+    }
+    if file_type.is_dir() {
+        return Err(Problem::unsupported("reading a folder"));
+    }
+    Err(Problem::unsupported_but(
+        format!("reading {}", kind_of(file_type)),
+        "data is read where it lies, in any order: save it to a file first",
+    ))
+}
+
+/// What a thing that is neither file nor folder is called.
+#[cfg(unix)]
+fn kind_of(file_type: FileType) -> &'static str {
+    use std::os::unix::fs::FileTypeExt as _;
+    if file_type.is_fifo() {
+        "a pipe"
+    } else if file_type.is_socket() {
+        "a socket"
+    } else {
+        "a device"
+    }
+}
+
+/// What a thing that is neither file nor folder is called.
+#[cfg(not(unix))]
+fn kind_of(_: FileType) -> &'static str {
+    "something that is not a regular file"
+}
+
 impl ByteStore for Mapping {
     fn bytes(&self) -> &[u8] {
         &self.0
@@ -28,14 +61,16 @@ impl Source {
     /// Maps a file.
     ///
     /// # Errors
-    /// [`Problem::System`] if it is not there, is no regular file, or cannot be mapped.
+    /// [`Problem::System`] if it is not there or cannot be mapped, [`Problem::Unsupported`] if it is
+    /// no regular file: such are refused without being opened, so that nothing waits for a pipe.
     pub fn open(path: &Path) -> Result<Self, IoError> {
         let system = |action| move |source| Problem::System { action, source }.in_file(path);
+        // Asked before it is opened: opening a pipe waits until somebody writes into it.
+        let found = std::fs::metadata(path).map_err(system("cannot open"))?;
+        refuse_irregular(found.file_type()).map_err(|p| p.in_file(path))?;
         let file = File::open(path).map_err(system("cannot open"))?;
         let metadata = file.metadata().map_err(system("cannot open"))?;
-        if !metadata.is_file() {
-            return Err(Problem::unsupported("something that is not a regular file").in_file(path));
-        }
+        refuse_irregular(metadata.file_type()).map_err(|p| p.in_file(path))?;
         if metadata.len() == 0 {
             return Ok(Self::from_bytes(path, Vec::new()));
         }
@@ -118,5 +153,29 @@ impl Source {
             components,
             tuples,
         )?)
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_file_is_refused_at_once() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let pipe = folder.path().join("pipe.vti");
+        let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, mode).expect("writable");
+        let socket = folder.path().join("socket.vti");
+        let _listening = std::os::unix::net::UnixListener::bind(&socket).expect("writable");
+        for (path, word) in [
+            (pipe.as_path(), "a pipe"),
+            (socket.as_path(), "a socket"),
+            (Path::new("/dev/null"), "a device"),
+            (folder.path(), "a folder"),
+        ] {
+            let error = Source::open(path).err().expect("refused").to_string();
+            assert!(error.contains(word), "{error}");
+        }
     }
 }

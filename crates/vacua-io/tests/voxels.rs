@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec3};
 use vacua_io::{Dataset, ReadOptions, Source, WriteOptions, open, open_source, open_with, save};
 use vacua_volume::{
-    Association, DataArray, Field, Geometry, Scalar, ScalarType, UniformGrid, dispatch_scalar,
+    Association, DataArray, Field, Geometry, Scalar, ScalarType, UniformGrid, WorldFrame,
+    dispatch_scalar,
 };
 
 fn data(name: &str) -> PathBuf {
@@ -73,7 +74,7 @@ fn files_of_other_programs() {
         assert_eq!(sums(values), numbers[16..18], "{name}");
         files += 1;
     }
-    assert_eq!(files, 69);
+    assert_eq!(files, 73);
 }
 
 #[test]
@@ -269,6 +270,62 @@ fn what_is_written_reads_back() {
             before.bytes()
         );
     }
+}
+
+/// One image by nibabel, pynrrd and ITK, each in its frame: readers know which, and what is written
+/// is what those programs wrote.
+#[test]
+fn anatomical_frames_are_known_and_kept() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let place = |dataset: &Dataset| grid(dataset).world_from_index();
+    let is_close = |a: DAffine3, b: DAffine3| a.abs_diff_eq(b, 1e-6);
+    let itk = open(data("frame_lps.mha")).expect("readable");
+    for (name, frame) in [
+        ("nib_qform.nii.gz", WorldFrame::Ras),
+        ("frame_ras.nrrd", WorldFrame::Ras),
+        ("frame_las.nrrd", WorldFrame::Las),
+        ("frame_lps.nrrd", WorldFrame::Lps),
+        ("frame_lps.mha", WorldFrame::Lps),
+        ("nib_pair.hdr", WorldFrame::Ras),
+        ("c_lf4.npy", WorldFrame::Unlabelled),
+        ("skip.nhdr", WorldFrame::Unlabelled),
+    ] {
+        let dataset = open(data(name)).expect("readable");
+        assert_eq!(dataset.frame(), frame, "{name}");
+        let nrrd = folder.path().join("a.nrrd");
+        save(&nrrd, &dataset, &WriteOptions::default()).expect("written");
+        let back = open(&nrrd).expect("readable");
+        assert_eq!(back.frame(), frame, "{name} as NRRD");
+        assert!(is_close(place(&back), place(&dataset)), "{name} as NRRD");
+        let header = std::fs::read(&nrrd).expect("written");
+        let named = header.windows(8).any(|w| w == b"\nspace: ");
+        assert_eq!(named, frame != WorldFrame::Unlabelled, "{name} as NRRD");
+
+        let mha = folder.path().join("a.mha");
+        save(&mha, &dataset, &WriteOptions::default()).expect("written");
+        let back = open(&mha).expect("readable");
+        let signs = frame.signs_to(WorldFrame::Lps).unwrap_or(DVec3::ONE);
+        let turned = DAffine3::from_mat3(DMat3::from_diagonal(signs)) * place(&dataset);
+        assert!(is_close(place(&back), turned), "{name} as MetaImage");
+        if name.starts_with("frame") || name == "nib_qform.nii.gz" {
+            assert!(is_close(place(&back), place(&itk)), "{name} against ITK");
+            let header =
+                String::from_utf8_lossy(&std::fs::read(&mha).expect("written")).into_owned();
+            // As ITK says of the same image.
+            assert!(header.contains("\nAnatomicalOrientation = RPI\n"), "{name}");
+        }
+    }
+    let brain = open(data("nib_qform.nii.gz")).expect("readable");
+    let lost = save(
+        folder.path().join("a.vti"),
+        &brain,
+        &WriteOptions::default(),
+    );
+    assert!(lost.expect("written")[0].contains("these are RAS"));
+    assert_eq!(
+        brain.clone().with_fields(Vec::new()).expect("fits").frame(),
+        WorldFrame::Ras
+    );
 }
 
 #[test]

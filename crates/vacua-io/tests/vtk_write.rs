@@ -188,3 +188,73 @@ fn meshes_read_back_the_same() {
         assert!(write_vti(&path, &dataset, &WriteOptions::default()).is_err());
     }
 }
+
+/// VTK's filters ask for the active scalars and vectors.
+#[test]
+fn active_arrays_are_named() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join("out.vti");
+    let grid = UniformGrid::new([2; 3], DVec3::ZERO, DVec3::ONE).expect("a box");
+    let field = |name: &str, association, components| {
+        let tuples = if association == Association::Point {
+            8
+        } else {
+            1
+        };
+        let values = DataArray::from_vec(vec![0f32; tuples * components], components);
+        Field::new(name, association, values.expect("whole tuples"))
+    };
+    let colours = DataArray::from_vec(vec![0u8; 24], 3).expect("whole tuples");
+    let colours = Field::new("c", Association::Point, colours);
+    let (point, cell) = (Association::Point, Association::Cell);
+    for (fields, expected) in [
+        (
+            vec![
+                field("v", point, 3),
+                field("<s>", point, 1),
+                field("t", point, 1),
+            ],
+            r#"<PointData Scalars="&lt;s&gt;" Vectors="v">"#,
+        ),
+        (vec![field("v", point, 3)], r#"<PointData Vectors="v">"#),
+        (vec![colours], r#"<PointData Scalars="c">"#),
+        (vec![field("q", cell, 1)], r#"<CellData Scalars="q">"#),
+        (vec![field("q", cell, 1)], "<PointData>"),
+    ] {
+        let mut mask = CellMask::new(1);
+        mask.blank(0);
+        let dataset = Dataset::new(Geometry::Uniform(grid.clone()), fields).expect("fits");
+        let dataset = dataset
+            .with_blanked_cells(mask)
+            .expect("of the right length");
+        write_vti(&path, &dataset, &WriteOptions::default()).expect("written");
+        let written = std::fs::read(&path).expect("written");
+        let written = String::from_utf8_lossy(&written);
+        assert!(written.contains(expected), "{expected}: {written}");
+    }
+}
+
+/// Arrays of the whole data set are not read; whoever converts a file is told which.
+#[test]
+fn lost_field_data_is_named() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let xml = r#"<VTKFile type="ImageData"><ImageData WholeExtent="0 1 0 1 0 1"><FieldData>
+        <DataArray type="Float64" Name="TimeValue" NumberOfTuples="1">2</DataArray>
+        <Array type="String" Name="title" NumberOfTuples="1">65 0</Array></FieldData>
+        <Piece Extent="0 1 0 1 0 1"/></ImageData></VTKFile>"#;
+    let legacy = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n\
+        DIMENSIONS 2 2 2\nFIELD FieldData 1\nTIME 1 1 double\n2.5\nORIGIN 0 0 0\nSPACING 1 1 1\n";
+    for (name, text, names) in [
+        ("a.vti", xml, vec!["TimeValue", "title"]),
+        ("a.vtk", legacy, vec!["TIME"]),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("writable");
+        let dataset = vacua_io::open(&path).expect("readable");
+        assert_eq!(dataset.field_data(), names);
+        let out = folder.path().join("out.vti");
+        let lost = vacua_io::save(&out, &dataset, &vacua_io::WriteOptions::default());
+        let lost = lost.expect("written");
+        assert!(lost[0].ends_with(&names.join(", ")), "{lost:?}");
+    }
+}

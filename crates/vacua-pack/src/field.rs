@@ -44,7 +44,10 @@ pub enum PackFieldError {
         components: usize,
     },
     /// Fewer values than the mesh's points or cells reach.
-    #[error("field `{name}` has {actual} values, the mesh's {association}s need number {needed}")]
+    #[error(
+        "field `{name}` has {actual} values, the mesh's {association}s need at least {}: the field is of another mesh",
+        .needed.saturating_add(1)
+    )]
     TooShort {
         /// Name of the field.
         name: String,
@@ -52,7 +55,7 @@ pub enum PackFieldError {
         association: Association,
         /// Values given.
         actual: usize,
-        /// The number of a point or cell that has none.
+        /// The largest number of a point or cell, from 0.
         needed: u64,
     },
     /// A map of another mesh.

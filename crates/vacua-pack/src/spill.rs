@@ -26,7 +26,9 @@ impl SpillFolder {
     /// # Errors
     /// If the system gives none.
     pub fn file(&self) -> Result<File> {
-        tempfile::tempfile_in(&self.0)
+        std::fs::metadata(&self.0)?;
+        // Without the temporary name, which is none that anybody gave.
+        tempfile::tempfile_in(&self.0).map_err(|error| error.kind().into())
     }
 }
 

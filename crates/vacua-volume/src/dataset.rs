@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::array::DataArray;
 use crate::field::{Association, Field, FieldError};
+use crate::frame::WorldFrame;
 use crate::grid::Geometry;
 use crate::mesh::UnstructuredMesh;
 
@@ -67,6 +68,8 @@ impl CellMask {
 pub struct Dataset {
     geometry: Arc<Geometry>,
     fields: Vec<Field>,
+    frame: WorldFrame,
+    field_data: Vec<String>,
     blanked_cells: Option<Arc<CellMask>>,
     notes: Vec<String>,
     times: Vec<f64>,
@@ -184,6 +187,23 @@ pub enum ComponentChoice {
     Magnitude,
 }
 
+/// Checks that a field has as many tuples as there are points or cells.
+fn check_len(geometry: &Geometry, field: &Field) -> Result<(), DatasetError> {
+    let expected = match field.association() {
+        Association::Point => geometry.num_points(),
+        Association::Cell => geometry.num_cells(),
+    };
+    if field.tuples() == expected {
+        return Ok(());
+    }
+    Err(DatasetError::FieldLength {
+        name: field.name().to_owned(),
+        association: field.association(),
+        actual: field.tuples(),
+        expected,
+    })
+}
+
 impl Dataset {
     /// Puts geometry and fields together. Cells that a mesh calls blanked are blanked in the dataset.
     ///
@@ -191,18 +211,7 @@ impl Dataset {
     /// [`DatasetError::FieldLength`] if they do not fit.
     pub fn new(geometry: Geometry, fields: Vec<Field>) -> Result<Self, DatasetError> {
         for field in &fields {
-            let expected = match field.association() {
-                Association::Point => geometry.num_points(),
-                Association::Cell => geometry.num_cells(),
-            };
-            if field.tuples() != expected {
-                return Err(DatasetError::FieldLength {
-                    name: field.name().to_owned(),
-                    association: field.association(),
-                    actual: field.tuples(),
-                    expected,
-                });
-            }
+            check_len(&geometry, field)?;
         }
         let blanked_cells = geometry
             .mesh()
@@ -210,11 +219,37 @@ impl Dataset {
         Ok(Self {
             geometry: Arc::new(geometry),
             fields,
+            frame: WorldFrame::Unlabelled,
+            field_data: Vec::new(),
             blanked_cells,
             notes: Vec::new(),
             times: Vec::new(),
             step: 0,
         })
+    }
+
+    /// The same points and cells with other fields; everything else stays.
+    ///
+    /// # Errors
+    /// As [`Dataset::new`].
+    pub fn with_fields(mut self, fields: Vec<Field>) -> Result<Self, DatasetError> {
+        for field in &fields {
+            check_len(&self.geometry, field)?;
+        }
+        self.fields = fields;
+        Ok(self)
+    }
+
+    /// Says in which anatomical frame the world coordinates are; none is said before.
+    pub fn with_frame(mut self, frame: WorldFrame) -> Self {
+        self.frame = frame;
+        self
+    }
+
+    /// Names arrays of the file that belong to neither points nor cells and are not kept.
+    pub fn with_field_data(mut self, names: Vec<String>) -> Self {
+        self.field_data = names;
+        self
     }
 
     /// Marks cells that hold nothing to see, in place of those that were marked before. A mesh
@@ -271,6 +306,17 @@ impl Dataset {
     /// The mesh, if the geometry is one.
     pub fn mesh(&self) -> Option<&UnstructuredMesh> {
         self.geometry.mesh()
+    }
+
+    /// The anatomical frame of the world coordinates.
+    pub fn frame(&self) -> WorldFrame {
+        self.frame
+    }
+
+    /// Names of the file's arrays that belong to neither points nor cells (VTK's field data). Their
+    /// values are not kept.
+    pub fn field_data(&self) -> &[String] {
+        &self.field_data
     }
 
     /// All fields.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use vacua_io::{IoError, ReadOptions, Source};
+use vacua_io::{IoError, Problem, ReadOptions, Source};
 use vacua_pack::PackedVolume;
 use vacua_pack::file::{PackedFile, is_packed};
 use vacua_render::SceneData;
@@ -46,7 +46,16 @@ pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Conten
             return Ok(Content::Encoded(Arc::new(file), step));
         }
     }
-    vacua_io::open_with(path, options).map(Content::Dataset)
+    let dataset = vacua_io::open_with(path, options);
+    dataset.map(Content::Dataset).map_err(with_own_format)
+}
+
+/// Adds `.vacua` files, of which `vacua-io` knows nothing, to the formats that an error lists.
+pub fn with_own_format(mut error: IoError) -> IoError {
+    if let Problem::UnknownFormat { known, .. } = &mut error.problem {
+        known.push_str(", .vacua");
+    }
+    error
 }
 
 impl Content {

@@ -43,7 +43,7 @@ pub use vacua_synth as synth;
 pub use vacua_volume as volume;
 
 pub use blank::explain_blank;
-pub use content::{Content, open, open_with};
+pub use content::{Content, open, open_with, with_own_format};
 pub use device::{Backend, Device};
 pub use quick::{Error, Frame, Look, Renderer, Scene, renderer};
 pub use vacua_render::{

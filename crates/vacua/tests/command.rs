@@ -119,6 +119,56 @@ fn info_of_raw_files() {
     assert_eq!(given["fields"][0]["type"], "u16");
 }
 
+/// The coordinates of medical files mean something, which converting them keeps.
+#[test]
+fn anatomical_frames_are_shown_and_kept() {
+    let folder = folder();
+    let voxels = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vacua-io/tests/data/voxels");
+    let brain = text(&voxels.join("nib_qform.nii.gz"));
+    let before = json(&["info", &brain, "--json"]);
+    assert_eq!(before["frame"], "RAS");
+    assert!(stdout(&succeed(&["info", &brain])).contains("(RAS)"));
+    let [nrrd, mha] = ["a.nrrd", "a.mha"].map(|name| text(&folder.path().join(name)));
+    succeed(&["convert", &brain, &nrrd, "--component", "0"]);
+    let info = json(&["info", &nrrd, "--json"]);
+    assert_eq!(
+        (&info["frame"], &info["bounds"]),
+        (&before["frame"], &before["bounds"])
+    );
+    succeed(&["convert", &nrrd, &mha]);
+    let info = json(&["info", &mha, "--json"]);
+    assert_eq!(info["frame"], "LPS");
+    let end = |info: &Value, i: usize| info["bounds"][i].as_f64().expect("a number");
+    for (i, turned) in [(0, 1), (1, 0), (2, 3), (3, 2)] {
+        assert!((end(&info, i) + end(&before, turned)).abs() < 1e-6);
+    }
+}
+
+/// Integers that `f64` does not hold.
+#[test]
+fn info_of_large_integers() {
+    let folder = folder();
+    let unsigned = [u64::MAX, u64::MAX - 1, (1 << 53) + 1].map(u64::to_le_bytes);
+    let signed = [i64::MIN + 1, i64::MAX - 1, 0].map(i64::to_le_bytes);
+    for (name, values, range) in [
+        (
+            "u_2x2x3_uint64.raw",
+            unsigned,
+            "9007199254740993 to 18446744073709551615",
+        ),
+        (
+            "i_2x2x3_int64.raw",
+            signed,
+            "-9223372036854775807 to 9223372036854775806",
+        ),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, values.concat().repeat(4)).expect("writable");
+        let shown = stdout(&succeed(&["info", &text(&path)]));
+        assert!(shown.contains(range), "{shown}");
+    }
+}
+
 #[test]
 fn wrong_usage_is_2() {
     for arguments in [
@@ -165,6 +215,14 @@ fn failures_are_1_and_say_what_once() {
     let output = vacua(&["info", &text(&path)]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("--dims"), "{}", stderr(&output));
+
+    let empty = text(&folder.path().join("empty.dat"));
+    std::fs::write(&empty, []).expect("writable");
+    let message = stderr(&vacua(&["info", &empty]));
+    assert!(
+        message.contains("raw, .vacua") && message.contains("empty"),
+        "{message}"
+    );
 
     let output = vacua(&["info", "no/such/*.vti"]);
     assert_eq!(output.status.code(), Some(1));
@@ -213,6 +271,20 @@ fn a_series_has_steps() {
     std::fs::write(&series, list).expect("writable");
     let info = json(&["info", &text(&series), "--time", "1.5", "--json"]);
     assert_eq!(info["time_step"], 1);
+    let collection = folder.path().join("s.pvd");
+    let list = r#"<VTKFile type="Collection"><Collection>
+        <DataSet timestep="1.5" file="s_10_20x20x20_uint8.raw"/>
+        <DataSet timestep="0.5" file="s_9_20x20x20_uint8.raw"/></Collection></VTKFile>"#;
+    std::fs::write(&collection, list).expect("writable");
+    for time in ["1.5", "1"] {
+        let info = json(&["info", &text(&collection), "--time", time, "--json"]);
+        assert_eq!(
+            (&info["time_step"], &info["time_steps"]),
+            (&1.into(), &2.into())
+        );
+        // The first voxel says which file it is of.
+        assert_eq!(info["fields"][0]["range"][1], 251);
+    }
     let output = vacua(&["info", &text(&series), "--time", "7"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(

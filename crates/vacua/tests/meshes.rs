@@ -177,6 +177,11 @@ fn fields_are_chosen_by_name_and_component() {
     fails(&["encode", &can, "-o", &packed, "--fields", "DISPL:x"], 2);
     fails(&["encode", &can, "-o", &packed, "--variant", "3"], 2);
     fails(&["encode", &can, "-o", &packed, "--index-bits", "7"], 2);
+    fails(&["encode", &can, "-o", &packed, "--threads", "0"], 2);
+    succeed(&["encode", &can, "-o", &packed]);
+    let by_all = std::fs::read(&packed).expect("written");
+    succeed(&["encode", &can, "-o", &packed, "--threads", "1"]);
+    assert!(std::fs::read(&packed).expect("written") == by_all);
     let grid = fails(&["encode", &data("hydrogen.vti"), "-o", &packed], 1);
     assert!(grid.contains("uniform grid"), "{grid}");
 }
@@ -184,7 +189,7 @@ fn fields_are_chosen_by_name_and_component() {
 #[test]
 fn fields_are_added_and_swapped_without_encoding_again() {
     let folder = folder();
-    let path = |name: &str| text(&folder.path().join(name));
+    let path = |name: &str| text(&folder.path().join(name).with_extension("vacua"));
     let can = data("can.vtu");
     let paths = [path("plain"), path("updated"), path("fresh")];
     let [plain, updated, fresh] = [0, 1, 2].map(|i| paths[i].as_str());
@@ -205,6 +210,7 @@ fn fields_are_added_and_swapped_without_encoding_again() {
     assert!(info["packed"]["bytes"]["map"].as_u64() > Some(0));
     let message = fails(&["encode", &data("post.vtk"), "--update", updated], 1);
     assert!(message.contains("values, the mesh's"), "{message}");
+    assert!(message.contains("points need at least 6724:"), "{message}");
 }
 
 #[test]
@@ -238,7 +244,7 @@ fn a_budget_is_kept_or_refused() {
     let folder = folder();
     let path = |name: &str| text(&folder.path().join(name));
     let can = data("can.vtu");
-    let (all, some) = (path("all"), path("some"));
+    let (all, some) = (path("all.vacua"), path("some.vacua"));
     succeed(&["encode", &can, "-o", &all, "--vertices-log2", "9"]);
     let bits = ["--index-bits", "9", "--memory-budget", "4GiB"];
     succeed(&[&["encode", &can, "-o", &some][..], &bits].concat());

@@ -2,14 +2,15 @@
 //!
 //! Three axes must be of space. One more may hold components, as the fastest or the slowest axis;
 //! a slowest axis of time or of a list is a series, of which the first step is read. Coordinates
-//! stay in the space that the file names; nothing is mirrored. Detached data may be one file, a
+//! stay in the space that the file names; nothing is mirrored, and the name becomes the dataset's
+//! frame. Detached data may be one file, a
 //! list, or a numbered series (see [`crate::files`] on where it may lie).
 
 mod header;
 mod write;
 
 use glam::{DAffine3, DMat3, DVec3};
-use vacua_volume::{Dataset, Geometry, UniformGrid};
+use vacua_volume::{Dataset, Geometry, UniformGrid, WorldFrame};
 
 use crate::decode::Layout;
 use crate::error::Problem;
@@ -77,9 +78,33 @@ fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
         dataset = dataset.with_note(format!("the first of {} steps was read", roles.steps));
     }
     if let Some(space) = &header.space {
-        dataset = dataset.with_note(format!("coordinates are those of the file ({space})"));
+        dataset = dataset
+            .with_frame(frame_of_space(space))
+            .with_note(format!("coordinates are those of the file ({space})"));
     }
     Ok(dataset)
+}
+
+/// The spaces that say where the axes point in a body: name, short name, frame.
+const SPACES: [(&str, &str, WorldFrame); 3] = [
+    ("right-anterior-superior", "RAS", WorldFrame::Ras),
+    ("left-anterior-superior", "LAS", WorldFrame::Las),
+    ("left-posterior-superior", "LPS", WorldFrame::Lps),
+];
+
+/// What the field `space` says. Spaces that are not of a body (`scanner-xyz` …) are no frame.
+fn frame_of_space(space: &str) -> WorldFrame {
+    let is_named = |(name, short, _): &&(&str, &str, WorldFrame)| {
+        space.eq_ignore_ascii_case(name) || space.eq_ignore_ascii_case(short)
+    };
+    let found = SPACES.iter().find(is_named);
+    found.map_or(WorldFrame::Unlabelled, |(.., frame)| *frame)
+}
+
+/// What the field `space` must say for a frame.
+fn space_name(frame: WorldFrame) -> Option<&'static str> {
+    let found = SPACES.iter().find(|(.., known)| *known == frame);
+    found.map(|(name, ..)| *name)
 }
 
 /// Whether an axis is one of space. Directions decide, then kinds; without either all axes are.

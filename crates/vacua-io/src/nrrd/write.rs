@@ -61,11 +61,15 @@ fn header(voxels: &Voxels) -> String {
         (4, format!("{components} "), "vector ", "none ")
     };
     let encoding = if voxels.compress { "gzip" } else { "raw" };
+    let space = match super::space_name(voxels.frame) {
+        Some(name) => format!("space: {name}"),
+        None => "space dimension: 3".to_owned(),
+    };
     let mut text = String::from("NRRD0005\n");
     // Writing to a string cannot fail.
     let _ = write!(
         text,
-        "type: {}\ndimension: {dimension}\nspace dimension: 3\nsizes: {sizes}{x} {y} {z}\n\
+        "type: {}\ndimension: {dimension}\n{space}\nsizes: {sizes}{x} {y} {z}\n\
          space directions: {none}{} {} {}\nkinds: {kinds}domain domain domain\n\
          endian: little\nencoding: {encoding}\nspace origin: {}\n",
         type_name(voxels.values.scalar_type()),

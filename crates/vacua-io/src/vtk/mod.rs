@@ -1,5 +1,5 @@
 //! The file formats of the Visualization Toolkit (VTK): XML (`.vti .vtr .vts .vtu` and their
-//! parallel `.pvti .pvtr .pvts .pvtu`), legacy (`.vtk`) and VTKHDF (`.vtkhdf`).
+//! parallel `.pvti .pvtr .pvts .pvtu`, and lists of them, `.pvd .vtm`), legacy (`.vtk`) and VTKHDF (`.vtkhdf`).
 //!
 //! Sources: *VTK File Formats*, docs.vtk.org; where that page is silent, what VTK 9.7 writes and
 //! reads. What is common to these families lives here: extents, number text (`ascii`), byte order

@@ -1,5 +1,7 @@
 //! Writes grids and meshes as VTK XML: `.vti`, `.vtr`, `.vts`, `.vtu`, appended raw data with 64-bit
 //! headers in native byte order, fields in their native type. Blanked cells become `vtkGhostType`.
+//! The first array of one component is marked as the active scalars, the first of three as the active
+//! vectors, so that filters that ask for "the scalars" find some.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -312,7 +314,11 @@ fn write_tags(
     let mut offset = 0;
     let mut payload = payloads.iter();
     for (tag, arrays) in sections {
-        writeln!(to, "      <{tag}>")?;
+        let active = match *tag {
+            "PointData" | "CellData" => active_attributes(arrays),
+            _ => String::new(),
+        };
+        writeln!(to, "      <{tag}{active}>")?;
         for (name, array) in arrays {
             writeln!(
                 to,
@@ -327,6 +333,25 @@ fn write_tags(
     }
     writeln!(to, "    </Piece>\n  </{type_name}>")?;
     write!(to, "  <AppendedData encoding=\"raw\">\n   ")
+}
+
+/// Which arrays are the scalars and the vectors, as attributes. Three integers are a colour rather
+/// than a vector; where there is neither a number nor a vector, the first array is the scalars.
+fn active_attributes(arrays: &[&Array<'_>]) -> String {
+    let shown = || arrays.iter().filter(|(name, _)| *name != GHOST_ARRAY);
+    let is_vector = |array: &DataArray| {
+        let float = matches!(array.scalar_type(), ScalarType::F32 | ScalarType::F64);
+        float && array.components() == 3
+    };
+    let scalars = shown().find(|(_, array)| array.components() == 1);
+    let vectors = shown().find(|(_, array)| is_vector(array));
+    let scalars = scalars.or_else(|| shown().next().filter(|_| vectors.is_none()));
+    let attribute = |(key, array): (&str, &&Array<'_>)| {
+        format!(r#" {key}="{}""#, quick_xml::escape::escape(array.0))
+    };
+    let scalars = scalars.map(|array| ("Scalars", array));
+    let vectors = vectors.map(|array| ("Vectors", array));
+    scalars.into_iter().chain(vectors).map(attribute).collect()
 }
 
 /// VTK's name of a number type.

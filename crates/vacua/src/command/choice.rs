@@ -95,13 +95,7 @@ impl FieldArgs {
                 )
             }
         };
-        let alone = Dataset::new(dataset.geometry().as_ref().clone(), vec![field]).map_err(fail)?;
-        match dataset.blanked_cells() {
-            None => Ok(alone),
-            Some(mask) => alone
-                .with_blanked_cells(mask.as_ref().clone())
-                .map_err(fail),
-        }
+        dataset.clone().with_fields(vec![field]).map_err(fail)
     }
 }
 

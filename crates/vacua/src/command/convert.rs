@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use vacua_io::WriteOptions;
-use vacua_volume::FieldChoice;
+use vacua_volume::{ComponentChoice, FieldChoice};
 
 use super::choice::FieldArgs;
 use super::input::{InputArgs, RawArgs};
-use super::{Failure, output};
+use super::{Failure, output, values};
 
 /// Arguments of `vacua convert`.
 #[derive(clap::Args, Debug)]
@@ -16,10 +17,14 @@ pub struct ConvertArgs {
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// The file to write; its ending says the format
-    #[arg(value_name = "OUT")]
+    #[arg(value_name = "OUT", value_parser = PathBufValueParser::new().map(output::place))]
     output: PathBuf,
-    #[command(flatten)]
-    field: FieldArgs,
+    /// One field by name, or by number as `#0` [default: all, where the format holds several]
+    #[arg(long, value_name = "NAME|#N", value_parser = values::field)]
+    field: Option<FieldChoice>,
+    /// One component of a field with several, from 0, or `mag` for the magnitude [default: all]
+    #[arg(long, value_name = "N|mag", value_parser = values::component)]
+    component: Option<ComponentChoice>,
     /// Time step: its number from 0, or its time [default: the first]
     #[arg(long, value_name = "N|T", allow_hyphen_values = true)]
     time: Option<String>,
@@ -37,8 +42,14 @@ pub fn run(args: ConvertArgs) -> Result<(), Failure> {
         time: args.time,
         raw: args.raw,
     };
+    output::check_dataset_format(&args.output)?;
+    input.refuse_output(&args.output)?;
     let opened = input.open()?;
-    let dataset = args.field.dataset(&opened)?;
+    let field = FieldArgs {
+        field: args.field,
+        component: args.component,
+    };
+    let dataset = field.dataset(&opened)?;
     let options = WriteOptions {
         field: FieldChoice::Only,
         compress: args.compress,

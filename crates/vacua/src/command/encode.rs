@@ -4,9 +4,10 @@ mod fields;
 mod progress;
 mod update;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use serde::Serialize;
 use vacua_pack::file::{EncodeFileError, FieldInput, FileOptions, FileReport, encode_file};
 use vacua_pack::{EncodeOptions, Variant};
@@ -14,7 +15,7 @@ use vacua_volume::{CellType, UnstructuredMesh};
 
 use super::input::InputArgs;
 use super::packed::{Bytes, Memory, VariantName, bytes_text, cells_by_name};
-use super::{Failure, output, values};
+use super::{Failure, Wrong, output, values};
 use progress::Progress;
 
 /// Arguments of `vacua encode`.
@@ -27,6 +28,7 @@ pub struct EncodeArgs {
         short,
         long,
         value_name = "OUT.vacua",
+        value_parser = PathBufValueParser::new().map(output::place),
         required_unless_present = "update"
     )]
     output: Option<PathBuf>,
@@ -55,6 +57,9 @@ pub struct EncodeArgs {
     /// Add or swap the fields of FILE, which has the same mesh, in this file written with --keep-map
     #[arg(long, value_name = "ENCODED.vacua", conflicts_with_all = ["variant", "index_bits", "keep_map", "memory_budget"])]
     update: Option<PathBuf>,
+    /// Threads [default: all there are]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -110,8 +115,38 @@ struct Secs {
     write: f64,
 }
 
+/// Checks that the output is named as a `.vacua` file and is none of the inputs.
+fn check_output(args: &EncodeArgs, path: &Path) -> Result<(), Failure> {
+    let is_vacua = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"));
+    if !is_vacua {
+        return Err(Wrong(format!(
+            "{}: encoded meshes are written to files whose names end in .vacua",
+            path.display()
+        ))
+        .into());
+    }
+    args.input.refuse_output(path)
+}
+
 /// Runs `vacua encode`.
 pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.output {
+        check_output(args, path)?;
+    }
+    let Some(threads) = args.threads else {
+        return encode(args);
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(usize::from(threads))
+        .build()
+        .map_err(|e| Failure::Other(Box::new(e)))?;
+    pool.install(|| encode(args))
+}
+
+/// Does so on the threads at hand.
+fn encode(args: &EncodeArgs) -> Result<(), Failure> {
     if let Some(target) = &args.update {
         return update::run(args, target);
     }
@@ -145,7 +180,7 @@ pub fn run(args: &EncodeArgs) -> Result<(), Failure> {
         None => options,
         Some(bytes) => options.with_memory_budget(bytes, mesh).map_err(|least| {
             Failure::plain(format!(
-                "{}: cannot be encoded within {}; {} are needed with {} threads (RAYON_NUM_THREADS=1 needs fewer)",
+                "{}: cannot be encoded within {}; {} are needed with {} threads (--threads 1 needs less)",
                 opened.path.display(),
                 bytes_text(bytes),
                 bytes_text(least),

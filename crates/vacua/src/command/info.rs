@@ -7,7 +7,9 @@ use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Number, Value};
 use vacua_pack::file::{PackedFile, VectorComponent};
-use vacua_volume::{Bounds, CellType, Dataset, ScalarType, UnstructuredMesh, ValueRange};
+use vacua_volume::{
+    Bounds, CellType, DataArray, Dataset, Scalar, ScalarType, UnstructuredMesh, ValueRange,
+};
 
 use super::input::{InputArgs, Opened};
 use super::packed::{self, Bytes, Memory, VariantName};
@@ -38,6 +40,9 @@ struct Info {
     #[serde(skip_serializing_if = "Option::is_none")]
     cells: Option<serde_json::Map<String, Value>>,
     bounds: [f64; 6],
+    /// Anatomical frame of the coordinates, where the file says one: `RAS`, `LAS`, `LPS`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     blanked_cells: Option<usize>,
     /// How a `.vacua` file is packed.
@@ -145,6 +150,7 @@ fn describe_packed(file: &PackedFile, input: &InputArgs) -> Result<Info, Failure
         points: Some(summary.num_vertices),
         cells: Some(packed::cells_by_name(summary.num_cells_by_type)),
         bounds: [lo.x, hi.x, lo.y, hi.y, lo.z, hi.z],
+        frame: None,
         blanked_cells: None,
         packed: Some(PackedInfo {
             variant: summary.variant.into(),
@@ -181,7 +187,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
             .load()
             .map_err(|e| Failure::contents(&opened.path, e))?;
         let mut ranges: Vec<Value> = (0..values.components())
-            .map(|c| range_json(values.range(c), values.scalar_type()))
+            .map(|c| exact_range(values, c))
             .collect();
         fields.push(FieldInfo {
             name: field.name().to_owned(),
@@ -210,6 +216,7 @@ fn describe(opened: &Opened) -> Result<Info, Failure> {
             bounds.lo.z,
             bounds.hi.z,
         ],
+        frame: dataset.frame().letters(),
         blanked_cells: dataset.blanked_cells().map(|mask| mask.num_blank()),
         packed: None,
         fields,
@@ -231,6 +238,24 @@ fn cells_by_type(mesh: &UnstructuredMesh) -> serde_json::Map<String, Value> {
         .chain(left_out)
         .map(|(name, count)| (name.to_owned(), Value::from(count)))
         .collect()
+}
+
+/// The range of a component as JSON. Integers of 64 bits stay as they are, which `f64` does not hold.
+fn exact_range(values: &DataArray, component: usize) -> Value {
+    fn ends<T: Scalar + Ord + Into<Number>>(values: &DataArray, component: usize) -> Option<Value> {
+        let all = values.as_slice::<T>()?;
+        let of_component = || all.iter().skip(component).step_by(values.components());
+        let (lo, hi) = (of_component().min()?, of_component().max()?);
+        Some(Value::Array(
+            [*lo, *hi].map(|end| Value::Number(end.into())).to_vec(),
+        ))
+    }
+    let exact = match values.scalar_type() {
+        ScalarType::U64 => ends::<u64>(values, component),
+        ScalarType::I64 => ends::<i64>(values, component),
+        _ => None,
+    };
+    exact.unwrap_or_else(|| range_json(values.range(component), values.scalar_type()))
 }
 
 /// A range as JSON; whole numbers of whole-number types print as such.
@@ -270,7 +295,11 @@ fn write_text(out: &mut String, info: &Info) -> std::fmt::Result {
     for (name, count) in info.cells.iter().flatten() {
         writeln!(out, "  {count} × {name}")?;
     }
-    writeln!(out, "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}")?;
+    let frame = info.frame.map_or(String::new(), |f| format!(" ({f})"));
+    writeln!(
+        out,
+        "  x {x0} to {x1}, y {y0} to {y1}, z {z0} to {z1}{frame}"
+    )?;
     if let Some(blanked) = info.blanked_cells {
         writeln!(out, "  {blanked} cells blanked")?;
     }

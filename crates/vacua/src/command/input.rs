@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use vacua_io::ReadOptions;
+use vacua_io::{IoError, ReadOptions};
 use vacua_volume::{Dataset, ScalarType};
 
-use super::{Failure, Wrong, packed, values};
+use super::{Failure, Wrong, output, packed, values};
 
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
 pub struct InputArgs {
-    /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series
+    /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series or .pvd
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
     /// Time step: its time where the series has times, or its number from 0 (`#1` where both could be
@@ -112,8 +112,19 @@ impl InputArgs {
         let times: Vec<Option<f64>> = steps.iter().map(|s| s.time).collect();
         let step = choose(&times, self.time.as_deref())?;
         let path = steps[step].path.clone();
-        let dataset = vacua_io::open_with(&path, &options)?;
+        let dataset = open_dataset(&path, &options)?;
         Ok(Opened::new(dataset, path, steps.len(), step))
+    }
+
+    /// Refuses to write over one of the files.
+    pub fn refuse_output(&self, path: &Path) -> Result<(), Failure> {
+        for file in &self.files {
+            output::refuse_input(path, file)?;
+            for step in expand(file)? {
+                output::refuse_input(path, &step.path)?;
+            }
+        }
+        Ok(())
     }
 
     /// Opens a time step by its number, among those that [`Self::open`] counted.
@@ -134,14 +145,14 @@ impl InputArgs {
                 None => return Err(Failure::plain(format!("there is no step {step}"))),
             },
         };
-        let dataset = vacua_io::open_with(&path, &options)?;
+        let dataset = open_dataset(&path, &options)?;
         let num_steps = num_steps.max(dataset.times().len());
         Ok(Opened::new(dataset, path, num_steps, step))
     }
 
     /// Opens the chosen time step of a file that may have several.
     fn open_steps_of(&self, path: &Path, options: ReadOptions) -> Result<Opened, Failure> {
-        let mut dataset = vacua_io::open_with(path, &options)?;
+        let mut dataset = open_dataset(path, &options)?;
         let times: Vec<Option<f64>> = match dataset.times() {
             [] => vec![None],
             times => times.iter().copied().map(Some).collect(),
@@ -149,7 +160,7 @@ impl InputArgs {
         let step = choose(&times, self.time.as_deref())?;
         if step != dataset.step() {
             let step = Some(step);
-            dataset = vacua_io::open_with(path, &ReadOptions { step, ..options })?;
+            dataset = open_dataset(path, &ReadOptions { step, ..options })?;
         }
         Ok(Opened::new(dataset, path.to_owned(), times.len(), step))
     }
@@ -168,6 +179,11 @@ impl Opened {
             step,
         }
     }
+}
+
+/// Opens a file that is no `.vacua` file.
+fn open_dataset(path: &Path, options: &ReadOptions) -> Result<Dataset, IoError> {
+    vacua_io::open_with(path, options).map_err(vacua::with_own_format)
 }
 
 /// The steps that one argument stands for.

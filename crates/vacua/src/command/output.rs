@@ -1,12 +1,65 @@
 //! What a command says while and after it works: results on standard output, progress on a terminal
-//! only.
+//! only. And where it may write.
 
 use std::io::{IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget};
+use vacua_io::{STANDARD_OUTPUT, is_same_file, is_standard_output, is_stream};
 
-use super::Failure;
+use super::{Failure, Wrong};
+
+/// The file to write that an argument means: `-` is standard output.
+pub fn place(path: PathBuf) -> PathBuf {
+    if path == Path::new("-") {
+        return PathBuf::from(STANDARD_OUTPUT);
+    }
+    path
+}
+
+/// Refuses what no dataset can be written to, and says why: standard output, which has no ending to say
+/// the format, and `.vacua` files.
+pub fn check_dataset_format(path: &Path) -> Result<(), Wrong> {
+    if is_standard_output(path) {
+        return Err(Wrong(
+            "standard output has no ending that says the format; give a file name".to_owned(),
+        ));
+    }
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"))
+    {
+        return Err(Wrong(format!(
+            "{}: .vacua files are made by `vacua encode`, from a file with a mesh",
+            path.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses to write over a file that is read.
+pub fn refuse_input(output: &Path, input: &Path) -> Result<(), Wrong> {
+    if is_stream(output) || !is_same_file(output, input) {
+        return Ok(());
+    }
+    let (output, input) = (output.display(), input.display());
+    Err(Wrong(format!(
+        "{output}: this is the file that is read ({input}); give another to write"
+    )))
+}
+
+/// Refuses two outputs to the same place.
+pub fn refuse_twice(first: &Path, second: &Path) -> Result<(), Wrong> {
+    let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let both_standard = is_standard_output(first) && is_standard_output(second);
+    let same = is_same_file(first, second) || whole(first) == whole(second);
+    if both_standard || (same && !is_stream(first)) {
+        let path = second.display();
+        return Err(Wrong(format!("{path}: two results cannot be one file")));
+    }
+    Ok(())
+}
 
 /// Prints a result, line break included. A reader that has seen enough is no failure.
 pub fn print(text: &str) -> Result<(), Failure> {

@@ -6,11 +6,13 @@ mod report;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use vacua::{
     Backend, Camera, ClipPlane, Detail, Device, Integrator, Overlay, RenderSettings, Shading,
     SkipMethod,
 };
 use vacua_io::picture::{Picture, PictureFormat, write_picture};
+use vacua_io::{is_standard_output, is_stream};
 use vacua_render::{Jitter, Progressive, Renderer as _, Rendering, Scene, SceneData};
 use vacua_volume::Bounds;
 
@@ -26,14 +28,14 @@ use super::{Failure, Wrong, output};
 pub struct RenderArgs {
     #[command(flatten)]
     input: InputArgs,
-    /// The picture: .png, or .exr with linear RGBA and depth
-    #[arg(short, long, value_name = "OUT")]
+    /// The picture: .png, or .exr with linear RGBA and depth; `-` for a PNG on standard output
+    #[arg(short, long, value_name = "OUT", value_parser = PathBufValueParser::new().map(output::place))]
     output: PathBuf,
     /// Print one JSON object about how the picture came to be
     #[arg(long)]
     json: bool,
     /// A second picture, of how many samples each pixel took
-    #[arg(long, value_name = "OUT")]
+    #[arg(long, value_name = "OUT", value_parser = PathBufValueParser::new().map(output::place))]
     heatmap: Option<PathBuf>,
     /// Show the left half of the heat map as it is without skipping
     #[arg(long, requires = "heatmap")]
@@ -266,15 +268,30 @@ fn open(args: &RenderArgs) -> Result<(PathBuf, SceneData), Failure> {
     Ok((opened.path, volume.into()))
 }
 
+/// Checks that what is written has its format and its own place.
+fn check_outputs(args: &RenderArgs) -> Result<(), Wrong> {
+    let heatmap = args.heatmap.as_ref();
+    for path in std::iter::once(&args.output).chain(heatmap) {
+        PictureFormat::of(path).map_err(|e| Wrong(format!("{}: {e}", path.display())))?;
+        if args.json && is_standard_output(path) {
+            return Err(Wrong(
+                "--json prints to standard output, where the picture goes".to_owned(),
+            ));
+        }
+    }
+    if args.method.progressive && is_stream(&args.output) {
+        return Err(Wrong(format!(
+            "--progressive writes several pictures, {} takes one",
+            args.output.display()
+        )));
+    }
+    heatmap.map_or(Ok(()), |path| output::refuse_twice(&args.output, path))
+}
+
 /// Runs `vacua render`.
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     args.look.check()?;
-    for path in [Some(&args.output), args.heatmap.as_ref()]
-        .into_iter()
-        .flatten()
-    {
-        PictureFormat::of(path).map_err(|e| Wrong(format!("{}: {e}", path.display())))?;
-    }
+    check_outputs(args)?;
     let start = Instant::now();
     let (path, data) = open(args)?;
     let load_secs = start.elapsed().as_secs_f64();

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
+use clap::builder::{PathBufValueParser, TypedValueParser as _};
 use glam::DVec3;
 use rayon::prelude::*;
 use vacua::Detail;
@@ -16,7 +17,7 @@ use super::choice::FieldArgs;
 use super::input::InputArgs;
 use super::packed;
 use super::points::{Columns, PointReader, write_estimate, write_header, write_value};
-use super::{Wrong, values};
+use super::{Wrong, output, values};
 
 /// Points that are sampled at once.
 const CHUNK: usize = 1 << 16;
@@ -35,13 +36,17 @@ pub struct SampleArgs {
     /// says how far the exact value may be) or exact
     #[arg(long, value_name = "LEVEL", value_parser = values::detail, default_value = "exact")]
     lod: Detail,
-    /// The values as CSV [default: standard output]
-    #[arg(short, long, value_name = "OUT.csv")]
+    /// The values as CSV [default: standard output, also `-`]
+    #[arg(short, long, value_name = "OUT.csv", value_parser = PathBufValueParser::new().map(output::place))]
     output: Option<PathBuf>,
 }
 
 /// Runs `vacua sample`.
 pub fn run(args: &SampleArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.output {
+        args.input.refuse_output(path)?;
+        output::refuse_input(path, &args.points)?;
+    }
     let sampler = Sampler::open(args)?;
     let points = open(&args.points)?;
     match &args.output {

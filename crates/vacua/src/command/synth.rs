@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use clap::builder::{PathBufValueParser, PossibleValuesParser, TypedValueParser as _};
 use vacua_io::WriteOptions;
 use vacua_synth::{Kind, MeshKind, MeshSpec, MeshValues, Spec};
 use vacua_volume::{Dataset, FieldChoice, ScalarType};
@@ -46,7 +46,7 @@ pub struct SynthArgs {
     #[arg(long = "type", value_name = "T")]
     scalar_type: Option<ScalarType>,
     /// The file to write; its ending says the format
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = PathBufValueParser::new().map(output::place))]
     output: PathBuf,
     /// Compress, where the format can
     #[arg(long)]
@@ -97,6 +97,7 @@ fn share(text: &str) -> Result<f64, String> {
 
 /// Runs `vacua synth`.
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
+    output::check_dataset_format(&args.output)?;
     let dataset = match args.kind {
         AnyKind::Volume(kind) => volume(args, kind)?,
         AnyKind::Mesh(kind) => mesh(args, kind)?,

@@ -232,12 +232,19 @@ impl Attributes {
     }
 }
 
-/// Moves over FIELD data that belongs to the whole data set, whose keyword has been read.
+/// Moves over FIELD data that belongs to the whole data set, whose keyword has been read; the cursor
+/// keeps the names.
 ///
 /// # Errors
 /// [`Problem`] where it breaks the rules.
 pub(super) fn skip_field_data(cursor: &mut Cursor<'_>) -> Result<(), Problem> {
-    walk_field_data(cursor, |_, _, _, _| Ok(()))
+    let mut names = Vec::new();
+    walk_field_data(cursor, |_, name, _, _| {
+        names.push(name);
+        Ok(())
+    })?;
+    cursor.skipped.append(&mut names);
+    Ok(())
 }
 
 /// Walks over the arrays of FIELD, whose keyword has been read.

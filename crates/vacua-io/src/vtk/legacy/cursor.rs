@@ -21,6 +21,8 @@ pub(super) struct Cursor<'a> {
     source: &'a Source,
     byte: usize,
     is_binary: bool,
+    /// Names of arrays of the whole data set that were moved over.
+    pub skipped: Vec<String>,
 }
 
 impl<'a> Cursor<'a> {
@@ -30,6 +32,7 @@ impl<'a> Cursor<'a> {
             source,
             byte: 0,
             is_binary: false,
+            skipped: Vec::new(),
         }
     }
 

@@ -153,7 +153,7 @@ fn finish(mut cursor: Cursor<'_>, extent: &Extent, geometry: Geometry) -> Result
         attributes.point_flags.as_ref(),
         attributes.cell_flags.as_ref(),
     )?;
-    let mut dataset = Dataset::new(geometry, attributes.fields)?;
+    let mut dataset = Dataset::new(geometry, attributes.fields)?.with_field_data(cursor.skipped);
     if let Some(mask) = mask {
         dataset = dataset.with_blanked_cells(mask)?;
     }

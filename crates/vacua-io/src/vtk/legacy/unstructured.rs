@@ -99,7 +99,7 @@ pub(super) fn read(mut cursor: Cursor<'_>, major: u32) -> Result<Dataset, Proble
         point_flags: attributes.point_flags,
         cell_flags: attributes.cell_flags,
     };
-    join(vec![part], attributes.notes)
+    Ok(join(vec![part], attributes.notes)?.with_field_data(cursor.skipped))
 }
 
 /// Integers of legacy 32 bits.

@@ -26,22 +26,42 @@ pub(super) const SERIAL: &str = "UnstructuredGrid";
 /// The `type` of a parallel file.
 pub(super) const PARALLEL: &str = "PUnstructuredGrid";
 
-/// Reads a serial file.
+/// Whether a file is one of these.
+pub(super) fn is_mesh(file: &XmlFile) -> bool {
+    matches!(file.root.attribute("type"), Some(SERIAL | PARALLEL))
+}
+
+/// Reads a serial or a parallel file.
 ///
 /// # Errors
-/// [`Problem`] where the file breaks the rules.
+/// [`Problem`] where the file breaks the rules; [`Problem::Part`] if one that it names cannot be read.
 pub(super) fn read(file: XmlFile) -> Result<Dataset, Problem> {
     let (mut parts, mut notes) = (Vec::new(), Vec::new());
-    add_pieces(&Arc::new(file), &mut parts, &mut notes)?;
+    add_parts(file, &mut parts, &mut notes)?;
     join_full(parts, notes)
 }
 
-/// Reads a parallel file with the serial files that it names.
+/// Adds the pieces of a serial or a parallel file.
 ///
 /// # Errors
-/// [`Problem::Part`] if one of them cannot be read.
-pub(super) fn read_parallel(file: &XmlFile) -> Result<Dataset, Problem> {
-    let (mut parts, mut notes) = (Vec::new(), Vec::new());
+/// As [`read`].
+pub(super) fn add_parts(
+    file: XmlFile,
+    parts: &mut Vec<Part>,
+    notes: &mut Vec<String>,
+) -> Result<(), Problem> {
+    if file.root.attribute("type") == Some(PARALLEL) {
+        return add_files(&file, parts, notes);
+    }
+    add_pieces(&Arc::new(file), parts, notes)
+}
+
+/// Adds the pieces of the serial files that a parallel one names.
+fn add_files(
+    file: &XmlFile,
+    parts: &mut Vec<Part>,
+    notes: &mut Vec<String>,
+) -> Result<(), Problem> {
     let folder = file.source.path().parent().unwrap_or(Path::new(""));
     let mut seen = BTreeSet::new();
     for piece in file.data_set()?.children_named("Piece") {
@@ -65,11 +85,11 @@ pub(super) fn read_parallel(file: &XmlFile) -> Result<Dataset, Problem> {
                     format!("`{type_name}`"),
                 ));
             }
-            add_pieces(&Arc::new(part), &mut parts, &mut notes)
+            add_pieces(&Arc::new(part), parts, notes)
         };
         add().map_err(|problem| Problem::part(problem.in_file(&path)))?;
     }
-    join_full(parts, notes)
+    Ok(())
 }
 
 fn add_pieces(

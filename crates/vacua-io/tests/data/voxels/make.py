@@ -247,5 +247,21 @@ sitk.WriteImage(image, "itk_vector.nii.gz")
 nifti_expect("itk_vector.nii.gz")
 nifti_expect("avg152T1_RL_nifti.nii.gz")
 
+# One image in several anatomical frames. ITK turns NIfTI's RAS into its own LPS; in the others the
+# frame is only a name for coordinates that are turned here.
+image = sitk.ReadImage("nib_qform.nii.gz")
+for name in ["frame_lps.mha", "frame_lps.nrrd"]:
+    sitk.WriteImage(image, name)
+    itk_expect(name)
+source = nib.load("nib_qform.nii.gz")
+for name, space, signs in [
+    ("frame_ras.nrrd", "right-anterior-superior", [1, 1, 1]),
+    ("frame_las.nrrd", "LAS", [-1, 1, 1]),
+]:
+    turned = np.diag(signs) @ source.affine[:3]
+    header = {"space": space, "space directions": turned[:, :3].T, "space origin": turned[:, 3], "encoding": "raw"}
+    nrrd.write(name, np.asanyarray(source.dataobj), header)
+    nrrd_expect(name)
+
 with open("expected.tsv", "w") as f:
     f.write("\n".join(lines) + "\n")
