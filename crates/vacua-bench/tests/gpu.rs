@@ -138,7 +138,7 @@ fn meshes_in_the_encodings_of_paper_b() {
         let bytes = share
             .peers
             .iter()
-            .map(|p| p.bytes.value().expect("measured"));
+            .map(|p| p.bytes.value().unwrap_or_else(|| panic!("{p:?}")));
         let bytes: Vec<u64> = bytes.collect();
         assert!(bytes[0] < bytes[1] && bytes[3] < bytes[2], "{bytes:?}");
     }

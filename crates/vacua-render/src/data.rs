@@ -24,12 +24,16 @@ fn longest(points: [usize; 3]) -> f64 {
 /// Cells along the longest side of a box of so many cells of each type, were all alike.
 fn cells_along(size: DVec3, counts: [u64; 4]) -> f64 {
     let cubes: f64 = (0..4).map(|t| counts[t] as f64 / CELLS_IN_CUBE[t]).sum();
+    let cubes = cubes.max(1.0);
     let longest = size.max_element();
-    // A flat mesh is one cell thick.
-    let flat = size.max(DVec3::splat(longest / cubes.max(1.0)));
-    (cubes * longest.powi(3) / flat.element_product())
+    let shortest = size.min_element();
+    let middle = size.element_sum() - longest - shortest;
+    // A solid, a sheet one cell thick, a row: where a side is nothing the next of these tells.
+    let cell = (longest * middle * shortest / cubes)
         .cbrt()
-        .max(1.0)
+        .max((longest * middle / cubes).sqrt())
+        .max(longest / cubes);
+    if cell > 0.0 { longest / cell } else { 1.0 }
 }
 
 /// What a scene shows. Clones share the data.
@@ -198,7 +202,9 @@ mod tests {
         let fine = cells_along(unit, [6_000_000, 0, 0, 0]);
         assert!((fine - 100.0).abs() < 1e-9, "{fine}");
         let sheet = cells_along(DVec3::new(1.0, 1.0, 0.0), [0, 0, 0, 400]);
-        assert!((10.0..=20.0).contains(&sheet), "{sheet}");
+        assert!((sheet - 20.0).abs() < 1e-9, "{sheet}");
+        let row = cells_along(DVec3::X, [0, 0, 0, 7]);
+        assert!((row - 7.0).abs() < 1e-9, "{row}");
         assert_eq!(cells_along(unit, [0; 4]), 1.0);
         assert_eq!(cells_along(DVec3::ZERO, [1, 0, 0, 0]), 1.0);
     }

@@ -65,7 +65,8 @@ pub(crate) fn cut(mesh: &UnstructuredMesh, share: Share) -> Result<UnstructuredM
         unreachable!("there are bits to cut with");
     };
     let submeshes = encoded.mesh.submeshes();
-    let taken = submeshes.len() * share.part / share.of;
+    // Of a mesh that is too small to be cut so finely one sub-mesh is taken.
+    let taken = (submeshes.len() * share.part / share.of).max(1);
     let end = submeshes.get(taken).map(|s| s.first_cell as usize);
     let end = end.unwrap_or(encoded.map.cells.len());
     let (mut types, mut connectivity) = (Vec::with_capacity(end), Vec::new());
