@@ -153,6 +153,13 @@ fn faint(scene: &Scene, frame: &Frame) -> String {
         return "nothing that has any opacity lies in view".to_owned();
     }
     let peak = frame.rgba.iter().map(|pixel| pixel[3]).fold(0.0, f32::max);
+    let values = scene.data.typical_scalars();
+    let is_number = |i: usize| values.get_f64(i, 0).is_finite();
+    if peak == 0.0 && !(0..values.tuples()).all(is_number) {
+        return format!(
+            "none of {samples} samples met a value: the field has some that are no finite numbers, and nothing is seen in cells with such a corner"
+        );
+    }
     format!(
         "{samples} samples add up to an alpha of at most {peak:e}; give higher --opacity, or a --unit below {}",
         scene.transfer_function.unit_length()

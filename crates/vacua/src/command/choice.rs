@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use vacua_io::transfer_json::read_transfer_function;
 use vacua_render::SceneData;
 use vacua_volume::{
-    Association, Bounds, ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint,
+    Association, Bounds, ComponentChoice, Dataset, Field, FieldChoice, OpacityPoint, ScalarType,
     TransferFunction, TransferStyle, ValueRange, ValueScale, Volume, default_unit_length,
 };
 
@@ -16,7 +16,8 @@ use super::{Failure, Wrong};
 /// Which field, and which component of it.
 #[derive(clap::Args, Debug)]
 pub struct FieldArgs {
-    /// Field by name, or by number as `#0` [default: the first with one value a point, else the first]
+    /// Field by name, or by number as `#0` [default: the first of floating-point numbers, on points and
+    /// with one component if there is such a one]
     #[arg(long, value_name = "NAME|#N", value_parser = values::field)]
     pub field: Option<FieldChoice>,
     /// Component of a field with several, from 0, or `mag` for the magnitude [default: mag]
@@ -28,13 +29,27 @@ pub struct FieldArgs {
 pub struct Candidate<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Whether it has one value for each point.
-    pub is_scalar_on_points: bool,
+    /// Type of a number.
+    pub scalar_type: ScalarType,
+    /// On points or on cells.
+    pub association: Association,
+    /// Number of components.
+    pub components: usize,
+}
+
+impl Candidate<'_> {
+    /// How likely it is what one wants to see: integers beside floating-point numbers are mostly
+    /// identifiers.
+    fn likelihood(&self) -> (bool, bool, bool) {
+        let is_float = matches!(self.scalar_type, ScalarType::F32 | ScalarType::F64);
+        let is_on_points = self.association == Association::Point;
+        (is_float, is_on_points, self.components == 1)
+    }
 }
 
 impl FieldArgs {
-    /// The field that is meant among those of a file. Without a name the first with one value a point,
-    /// else the first; a note says so if there are others.
+    /// The field that is meant among those of a file. Without a name the first of the likeliest; a note
+    /// says so if there are others.
     pub fn choice(&self, path: &Path, candidates: &[Candidate]) -> FieldChoice {
         if let Some(choice) = &self.field {
             return choice.clone();
@@ -42,8 +57,9 @@ impl FieldArgs {
         if candidates.len() < 2 {
             return FieldChoice::Only;
         }
-        let plain = candidates.iter().position(|c| c.is_scalar_on_points);
-        let chosen = plain.unwrap_or(0);
+        let likeliest = candidates.iter().map(Candidate::likelihood).max();
+        let is_likeliest = |c: &Candidate| Some(c.likelihood()) == likeliest;
+        let chosen = candidates.iter().position(is_likeliest).unwrap_or(0);
         let others = candidates.iter().enumerate().filter(|&(i, _)| i != chosen);
         let others: Vec<&str> = others.map(|(_, c)| c.name).collect();
         eprintln!(
@@ -61,8 +77,9 @@ impl FieldArgs {
         let candidates: Vec<Candidate> = fields
             .map(|field| Candidate {
                 name: field.name(),
-                is_scalar_on_points: field.association() == Association::Point
-                    && field.components() == 1,
+                scalar_type: field.scalar_type(),
+                association: field.association(),
+                components: field.components(),
             })
             .collect();
         opened
@@ -194,5 +211,36 @@ impl LookArgs {
             ))),
             _ => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identifiers_are_not_what_is_shown() {
+        let candidate = |name, scalar_type, association, components| Candidate {
+            name,
+            scalar_type,
+            association,
+            components,
+        };
+        let ids = candidate("ids", ScalarType::I64, Association::Point, 1);
+        let velocity = candidate("velocity", ScalarType::F32, Association::Point, 3);
+        let strain = candidate("strain", ScalarType::F64, Association::Cell, 1);
+        let heat = candidate("heat", ScalarType::F32, Association::Point, 1);
+        let args = FieldArgs {
+            field: None,
+            component: None,
+        };
+        let path = Path::new("a file");
+        let chosen = |candidates: &[Candidate]| args.choice(path, candidates);
+        assert_eq!(chosen(&[]), FieldChoice::Only);
+        let all = [ids, strain, velocity, heat];
+        assert_eq!(chosen(&all[..1]), FieldChoice::Only);
+        assert_eq!(chosen(&all[..2]), FieldChoice::Index(1));
+        assert_eq!(chosen(&all[..3]), FieldChoice::Index(2));
+        assert_eq!(chosen(&all), FieldChoice::Index(3));
     }
 }

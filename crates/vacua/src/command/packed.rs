@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use vacua_io::Source;
 use vacua_pack::file::{PackedFile, is_packed};
 use vacua_pack::{FieldBytes, PackedBytes, PackedVolume, PackedVolumeError, Variant};
-use vacua_volume::{Association, CellType};
+use vacua_volume::CellType;
 
 use super::Failure;
 use super::choice::{Candidate, FieldArgs};
@@ -234,7 +234,9 @@ pub fn volume(
         .iter()
         .map(|group| Candidate {
             name: &group.name,
-            is_scalar_on_points: group.parts.len() == 1 && group.association == Association::Point,
+            scalar_type: group.scalar_type,
+            association: group.association,
+            components: group.components(),
         })
         .collect();
     let choice = field.choice(&input.files[0], &candidates);
