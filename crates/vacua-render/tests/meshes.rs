@@ -14,16 +14,7 @@ use vacua_volume::{
 };
 
 /// Corners of a cube in VTK's order, as bits x, y, z.
-const CUBE: [[usize; 3]; 8] = [
-    [0, 0, 0],
-    [1, 0, 0],
-    [1, 1, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 0, 1],
-    [1, 1, 1],
-    [0, 1, 1],
-];
+const CUBE: [[usize; 3]; 8] = CellType::HEXAHEDRON_CORNERS;
 const TETS: [[usize; 4]; 6] = [
     [0, 1, 2, 6],
     [0, 2, 3, 6],

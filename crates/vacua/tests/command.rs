@@ -1,16 +1,13 @@
 //! The command as people meet it: what it prints, where, and with which exit code.
 
+mod common;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 use serde_json::Value;
 
-fn vacua(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vacua"))
-        .args(arguments)
-        .output()
-        .expect("the command starts")
-}
+use common::{folder, stderr, succeed, text, vacua};
 
 fn data(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -19,30 +16,8 @@ fn data(name: &str) -> String {
     path.to_string_lossy().into_owned()
 }
 
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("temporary folder")
-}
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-fn succeed(arguments: &[&str]) -> Output {
-    let output = vacua(arguments);
-    assert!(
-        output.status.success(),
-        "{arguments:?}: {}",
-        stderr(&output)
-    );
-    output
 }
 
 fn json(arguments: &[&str]) -> Value {

@@ -1,23 +1,13 @@
 //! Meshes through the command: info, encode, sample, convert, synth.
 
+mod common;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use serde_json::{Value, json};
 
-fn vacua(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vacua"))
-        .args(arguments)
-        .output()
-        .expect("the command starts")
-}
-
-fn succeed(arguments: &[&str]) -> Output {
-    let output = vacua(arguments);
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {message}");
-    output
-}
+use common::{folder, stderr, succeed, text, vacua};
 
 fn as_json(arguments: &[&str]) -> Value {
     serde_json::from_slice(&succeed(arguments).stdout).expect("one JSON object")
@@ -26,20 +16,12 @@ fn as_json(arguments: &[&str]) -> Value {
 fn fails(arguments: &[&str], code: i32) -> String {
     let output = vacua(arguments);
     assert_eq!(output.status.code(), Some(code), "{arguments:?}");
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    stderr(&output)
 }
 
 fn data(name: &str) -> String {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vacua-io/tests/data");
     text(&folder.join(name))
-}
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
-
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("temporary folder")
 }
 
 #[test]

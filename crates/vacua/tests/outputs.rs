@@ -1,35 +1,17 @@
 //! Where the command writes: links, pipes, standard output; and where it refuses to.
 
+mod common;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
-fn vacua(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vacua"))
-        .args(arguments)
-        .output()
-        .expect("the command starts")
-}
-
-fn succeed(arguments: &[&str]) -> Output {
-    let output = vacua(arguments);
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{arguments:?}: {message}");
-    output
-}
+use common::{folder, stderr, succeed, text, vacua};
 
 fn fails(arguments: &[&str], code: i32) -> String {
     let output = vacua(arguments);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    let message = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
     message
-}
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
-
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("temporary folder")
 }
 
 /// A small mesh and a small grid.

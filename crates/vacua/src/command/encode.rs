@@ -117,10 +117,7 @@ struct Secs {
 
 /// Checks that the output is named as a `.vacua` file and is none of the inputs.
 fn check_output(args: &EncodeArgs, path: &Path) -> Result<(), Failure> {
-    let is_vacua = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"));
-    if !is_vacua {
+    if !output::is_named_vacua(path) {
         return Err(Wrong(format!(
             "{}: encoded meshes are written to files whose names end in .vacua",
             path.display()

@@ -275,18 +275,15 @@ pub fn choose(steps: &[Option<f64>], time: Option<&str>) -> Result<usize, Failur
         return Ok(0);
     };
     let wrong = || Wrong(format!("--time {text}: expected a time, or a step as `#0`"));
-    let (text, is_number) = match text.trim().strip_prefix('#') {
-        Some(number) => (number, true),
-        None => (text.trim(), false),
+    let (step, number) = match text.trim().strip_prefix('#') {
+        Some(number) => (None, Some(number.parse::<usize>().map_err(|_| wrong())?)),
+        None => {
+            let value: f64 = text.trim().parse().map_err(|_| wrong())?;
+            let step = steps.iter().position(|&time| time == Some(value));
+            (step, text.trim().parse().ok())
+        }
     };
-    let value: f64 = text.parse().map_err(|_| wrong())?;
-    if is_number {
-        text.parse::<usize>().map_err(|_| wrong())?;
-    } else if let Some(step) = steps.iter().position(|&time| time == Some(value)) {
-        return Ok(step);
-    }
-    let as_index = text.parse::<usize>().ok();
-    if let Some(step) = as_index.filter(|&n| n < steps.len()) {
+    if let Some(step) = step.or(number.filter(|&n| n < steps.len())) {
         return Ok(step);
     }
     let times: Vec<f64> = steps.iter().copied().flatten().collect();

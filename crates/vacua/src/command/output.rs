@@ -18,6 +18,12 @@ pub fn place(path: PathBuf) -> PathBuf {
     path
 }
 
+/// Whether a path ends as those of encoded meshes do.
+pub fn is_named_vacua(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"))
+}
+
 /// Refuses what no dataset can be written to, and says why: standard output, which has no ending to say
 /// the format, and `.vacua` files.
 pub fn check_dataset_format(path: &Path) -> Result<(), Wrong> {
@@ -26,10 +32,7 @@ pub fn check_dataset_format(path: &Path) -> Result<(), Wrong> {
             "standard output has no ending that says the format; give a file name".to_owned(),
         ));
     }
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("vacua"))
-    {
+    if is_named_vacua(path) {
         return Err(Wrong(format!(
             "{}: .vacua files are made by `vacua encode`, from a file with a mesh",
             path.display()
