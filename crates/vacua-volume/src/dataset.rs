@@ -138,8 +138,7 @@ fn list(names: &[String]) -> String {
 /// Which field to show.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum FieldChoice {
-    /// The only field, or the first with one component if there are several of them… never a guess
-    /// among equals: a lone field needs no choice, several are an error.
+    /// The only field; several are an error.
     #[default]
     Only,
     /// By name.
