@@ -11,7 +11,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use vacua_pack::layout::SubmeshHeader;
-use vacua_pack::{Nodes, PackedMesh};
+use vacua_pack::{Nodes, PackedMesh, Variant};
 use vacua_render::SceneData;
 use vacua_render::contract::PackedCells;
 use vacua_skip::{Lattice, LatticeError, Macrocells};
@@ -487,6 +487,10 @@ fn check(device: &Arc<Device>, mesh: &PackedMesh) -> Result<(), GpuError> {
             device: device.name().to_owned(),
         })
     };
+    // Clusters are decoded whole, into a cache that shaders do not have.
+    if mesh.variant() == Variant::Small {
+        return unsupported("a mesh of variant small".to_owned());
+    }
     if mesh.index_bits() != INDEX_BITS {
         return unsupported(format!("a mesh with indices of {} bits", mesh.index_bits()));
     }
