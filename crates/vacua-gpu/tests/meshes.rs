@@ -534,6 +534,40 @@ fn levels_of_detail_are_refused() {
     assert_valid(&gpu);
 }
 
+/// The volume's mesh and field encoded as `variant`.
+fn packed(volume: &Volume, variant: Variant) -> PackedVolume {
+    let options = EncodeOptions {
+        variant,
+        ..EncodeOptions::default()
+    };
+    let mesh = volume.mesh().expect("a mesh");
+    let encoded = encode(mesh, options).expect("it can be packed");
+    let association = volume.association();
+    let scalars = volume.scalars();
+    let field = PackedField::pack(&encoded.mesh, &encoded.map, "f", association, scalars);
+    PackedVolume::new(encoded.mesh, field.expect("a field"))
+}
+
+/// Only the CPU decodes variant small; a device says so before it reads anything.
+#[test]
+fn variant_small_is_refused() {
+    let Some(mut gpu) = renderer(GpuOptions::default()) else {
+        return;
+    };
+    for kind in [MeshKind::Tet100, MeshKind::Octree] {
+        let volume = volume_of(&generate_mesh(&small(kind)).expect("a mesh"));
+        let small = packed(&volume, Variant::Small);
+        let scene = Scene {
+            data: small.into(),
+            ..scene(volume, look(0.0, 1.0, 1.5, ValueScale::Linear))
+        };
+        let refusal = gpu.render(&scene, &mesh_settings()).err();
+        let message = refusal.map(|error| error.to_string()).unwrap_or_default();
+        assert!(message.contains("variant small"), "{kind:?}: {message}");
+    }
+    assert_valid(&gpu);
+}
+
 /// Variant 1: multi-leaves under an acceleration structure, by ray queries and on a pipeline.
 #[test]
 fn multi_leaves_are_found_by_rays_of_no_length() {
@@ -545,16 +579,7 @@ fn multi_leaves_are_found_by_rays_of_no_length() {
             ..small(kind)
         };
         let volume = volume_of(&generate_mesh(&spec).expect("a mesh"));
-        let options = EncodeOptions {
-            variant: Variant::MultiLeaves,
-            ..EncodeOptions::default()
-        };
-        let mesh = volume.mesh().expect("a mesh");
-        let encoded = encode(mesh, options).expect("it can be packed");
-        let association = volume.association();
-        let scalars = volume.scalars();
-        let field = PackedField::pack(&encoded.mesh, &encoded.map, "f", association, scalars);
-        let packed = PackedVolume::new(encoded.mesh, field.expect("a field"));
+        let packed = packed(&volume, Variant::MultiLeaves);
         let whole = scene(volume, look(0.0, 1.0, 1.5, ValueScale::Linear));
         let leaves = Scene {
             data: packed.into(),
