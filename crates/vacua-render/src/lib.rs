@@ -13,6 +13,7 @@ mod cpu;
 mod data;
 mod error;
 mod frame;
+mod lift;
 mod light;
 mod march;
 mod overlay;
@@ -25,6 +26,7 @@ mod setup;
 mod space;
 mod stage;
 mod tiles;
+mod voxels;
 
 pub use accumulate::Accumulator;
 pub use camera::{Camera, CameraError, Projection, View, ViewBasis};

@@ -4,11 +4,13 @@
 //! is constant in a cell. A place whose cell has a corner that is not a finite number, or is
 //! blanked, has no value.
 
-use vacua_simd::{Float, Int, LANES, Mask, PlainF32, Simd, WideMap, per_axis};
+use vacua_simd::{Float, Int, LANES, Mask, Simd, Voxel, VoxelKind, WideMap, per_axis};
 use vacua_skip::{Axis, locate_unit};
-use vacua_volume::{CellMask, DataArray, ScalarType};
+use vacua_volume::CellMask;
 
 use crate::blocks::Group;
+use crate::lift::Lift;
+use crate::voxels::{Voxels, with_voxels};
 
 /// Anything that has a value at places of ray space.
 pub(crate) trait Sampler: Sync {
@@ -38,68 +40,6 @@ pub(crate) trait Sampler: Sync {
     fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Self::Place) -> [S::F; 3];
 }
 
-/// Values in their native type. Samplers choose among the types at each fetch of a whole cell: the
-/// branch is always the same one, and the kernels are compiled once instead of ten times.
-#[derive(Clone, Copy)]
-pub(crate) enum Voxels<'a> {
-    U8(&'a [u8]),
-    I8(&'a [i8]),
-    U16(&'a [u16]),
-    I16(&'a [i16]),
-    U32(&'a [u32]),
-    I32(&'a [i32]),
-    U64(&'a [u64]),
-    I64(&'a [i64]),
-    F32(&'a [f32]),
-    /// Plain numbers.
-    PlainF32(&'a [PlainF32]),
-    F64(&'a [f64]),
-}
-
-/// Runs an expression with `$values` bound to the typed slice.
-macro_rules! with_voxels {
-    ($voxels:expr, $values:ident => $body:expr) => {
-        match $voxels {
-            Voxels::U8($values) => $body,
-            Voxels::I8($values) => $body,
-            Voxels::U16($values) => $body,
-            Voxels::I16($values) => $body,
-            Voxels::U32($values) => $body,
-            Voxels::I32($values) => $body,
-            Voxels::U64($values) => $body,
-            Voxels::I64($values) => $body,
-            Voxels::F32($values) => $body,
-            Voxels::PlainF32($values) => $body,
-            Voxels::F64($values) => $body,
-        }
-    };
-}
-
-impl<'a> Voxels<'a> {
-    /// The numbers of an array, which may be known to be plain.
-    pub fn of(array: &'a DataArray, plain: bool) -> Self {
-        let bytes = array.bytes();
-        match array.scalar_type() {
-            ScalarType::U8 => Self::U8(bytemuck::cast_slice(bytes)),
-            ScalarType::I8 => Self::I8(bytemuck::cast_slice(bytes)),
-            ScalarType::U16 => Self::U16(bytemuck::cast_slice(bytes)),
-            ScalarType::I16 => Self::I16(bytemuck::cast_slice(bytes)),
-            ScalarType::U32 => Self::U32(bytemuck::cast_slice(bytes)),
-            ScalarType::I32 => Self::I32(bytemuck::cast_slice(bytes)),
-            ScalarType::U64 => Self::U64(bytemuck::cast_slice(bytes)),
-            ScalarType::I64 => Self::I64(bytemuck::cast_slice(bytes)),
-            ScalarType::F32 if plain => Self::PlainF32(PlainF32::of(bytemuck::cast_slice(bytes))),
-            ScalarType::F32 => Self::F32(bytemuck::cast_slice(bytes)),
-            ScalarType::F64 => Self::F64(bytemuck::cast_slice(bytes)),
-        }
-    }
-
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        with_voxels!(self, values => values.len())
-    }
-}
-
 /// Point data of a uniform or rectilinear grid.
 pub(crate) struct PointSampler<'a> {
     grid: Grid<'a>,
@@ -125,6 +65,8 @@ pub(crate) struct Grid<'a> {
     pub voxels: Voxels<'a>,
     /// Whether all values are plain: finite then are those between them.
     pub plain: bool,
+    /// For plain `f32`.
+    pub lift: Lift,
     /// How values become what rendering computes with; `None` for the identity.
     pub map: Option<WideMap>,
     /// Cells that hold nothing to see.
@@ -238,48 +180,70 @@ impl<'a> PointSampler<'a> {
     }
 }
 
-/// Cells, fractions in them, and their four rows of corners (y then z).
-struct Corners<S: Simd> {
+/// A cell of each lane, and where in it.
+struct InCell<S: Simd> {
     cell: [S::I; 3],
     fraction: [S::F; 3],
-    rows: [(S::F, S::F); 4],
 }
 
 impl PointSampler<'_> {
-    /// The cells of places, and the values at their corners.
+    /// The cells of places.
     #[inline(always)]
-    fn corners<S: Simd>(&self, at: [S::F; 3]) -> Corners<S> {
+    fn cells<S: Simd>(&self, at: [S::F; 3]) -> InCell<S> {
         let [(x, fx), (y, fy), (z, fz)] = match &self.last_unit_cell {
             Some(last) => per_axis!(a => locate_unit::<S>(at[a], last[a])),
             None => per_axis!(a => self.grid.axes[a].locate::<S>(at[a])),
         };
-        let cell = [x, y, z];
+        InCell {
+            cell: [x, y, z],
+            fraction: [fx, fy, fz],
+        }
+    }
+
+    /// The four rows of corners (y then z) of cells, which [`PointSampler::cells`] found.
+    #[inline(always)]
+    fn corners<S: Simd, T: Voxel>(&self, values: &[T], cell: [S::I; 3]) -> [(S::F, S::F); 4] {
         let (row, slice) = (self.row, self.slice);
         let low = cell[1] * S::I::splat(row as i32) + cell[0];
         let map = self.grid.map;
         let from = [0, row, slice, slice + row];
         let mut rows = [(S::F::splat(0.0), S::F::splat(0.0)); 4];
-        with_voxels!(self.grid.voxels, values => {
-            // SAFETY: `locate` clamps to cells, each of which has a point after it on every axis;
-            // `new` checked that there is a value for each point and that offsets fit their width.
-            unsafe {
-                if self.wide {
-                    let offsets = S::offsets(cell[2], slice as u32, low);
-                    for i in 0..4 {
-                        rows[i] = S::voxel_pair(values, from[i], offsets, map);
-                    }
-                } else {
-                    let offsets = cell[2] * S::I::splat(slice as i32) + low;
-                    for i in 0..4 {
-                        rows[i] = S::voxel_pair_32(values, from[i], offsets, map);
-                    }
+        // SAFETY: `cells` clamps to cells, each of which has a point after it on every axis; `new`
+        // checked that there is a value for each point and that offsets fit their width.
+        unsafe {
+            if self.wide {
+                let offsets = S::offsets(cell[2], slice as u32, low);
+                for i in 0..4 {
+                    rows[i] = S::voxel_pair(values, from[i], offsets, map);
+                }
+            } else {
+                let offsets = cell[2] * S::I::splat(slice as i32) + low;
+                for i in 0..4 {
+                    rows[i] = S::voxel_pair_32(values, from[i], offsets, map);
                 }
             }
-        });
-        Corners {
-            cell,
-            fraction: [fx, fy, fz],
-            rows,
+        }
+        rows
+    }
+
+    /// The values at places in cells, which [`PointSampler::cells`] found.
+    #[inline(always)]
+    fn value<S: Simd, T: Voxel>(&self, values: &[T], place: &InCell<S>) -> S::F {
+        let is_lifted = T::KIND == VoxelKind::PlainF32;
+        let mut rows = self.corners::<S, T>(values, place.cell);
+        if is_lifted {
+            for row in &mut rows {
+                *row = self.grid.lift.raise::<S>(*row);
+            }
+        }
+        let [fx, fy, fz] = place.fraction;
+        let front = lerp(fy, mixed(fx, rows[0]), mixed(fx, rows[1]));
+        let back = lerp(fy, mixed(fx, rows[2]), mixed(fx, rows[3]));
+        let value = lerp(fz, front, back);
+        if is_lifted {
+            self.grid.lift.lower::<S>(value)
+        } else {
+            value
         }
     }
 }
@@ -289,25 +253,19 @@ impl Sampler for PointSampler<'_> {
 
     #[inline(always)]
     fn sample<S: Simd>(&self, at: [S::F; 3], lanes: S::M) -> (S::F, S::M, ()) {
-        let Corners {
-            cell,
-            fraction: [fx, fy, fz],
-            rows,
-        } = self.corners::<S>(at);
-        let front = lerp(fy, mixed(fx, rows[0]), mixed(fx, rows[1]));
-        let back = lerp(fy, mixed(fx, rows[2]), mixed(fx, rows[3]));
-        let value = lerp(fz, front, back);
-        (value, self.grid.valid::<S>(lanes, value, cell), ())
+        let place = self.cells::<S>(at);
+        let value = with_voxels!(self.grid.voxels, values => self.value(values, &place));
+        (value, self.grid.valid::<S>(lanes, value, place.cell), ())
     }
 
     /// Central differences at the points, interpolated like the values; one-sided at the ends.
     #[inline(always)]
     fn gradient<S: Simd>(&self, at: [S::F; 3], (): &()) -> [S::F; 3] {
-        let Corners {
-            cell: [x, y, z],
-            fraction: [fx, fy, fz],
-            rows,
-        } = self.corners::<S>(at);
+        let place = self.cells::<S>(at);
+        let ([x, y, z], [fx, fy, fz]) = (place.cell, place.fraction);
+        let rows = with_voxels!(self.grid.voxels, values => {
+            self.corners::<S, _>(values, place.cell)
+        });
         let one = S::I::splat(1);
         let zero = S::I::splat(0);
         // The points before and after the cell along each axis, and one over the distances that

@@ -10,11 +10,13 @@ use vacua_volume::{Association, TransferTable};
 
 use crate::blocks::{Partition, Strides};
 use crate::frame::Frame;
+use crate::lift::Lift;
 use crate::march::{Composite, Composited, Largest, Maximum, RayResult};
-use crate::sampler::{CellSampler, Grid, PointSampler, Sampler, Voxels};
+use crate::sampler::{CellSampler, Grid, PointSampler, Sampler};
 use crate::scene::{Detail, Integrator, Shading};
 use crate::setup::{RaySetup, TILE, TILE_RAYS, TilePixels, TileRays};
 use crate::stage::VolumeStage;
+use crate::voxels::Voxels;
 
 /// Everything that a pass needs to know.
 #[derive(Clone, Copy)]
@@ -48,16 +50,19 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
         }
         return;
     }
+    let association = volume.data.association();
     let blanked_cells = volume.data.blanked_cells();
     let axes = &volume.space.axes;
     let grid = Grid {
         axes,
-        voxels: Voxels::of(scalars, volume.plain),
+        // Of cells numbers are shown as they are, not interpolated.
+        voxels: Voxels::of(scalars, volume.plain && association == Association::Point),
         plain: volume.plain,
+        lift: Lift::for_range(volume.range),
         map,
         blanked_cells,
     };
-    match volume.data.association() {
+    match association {
         Association::Point => bands(pass, &PointSampler::new(grid), frame),
         Association::Cell => bands(pass, &CellSampler::new(grid), frame),
     }

@@ -237,14 +237,14 @@ macro_rules! impl_voxel {
 impl_voxel!(u8 => U8, i8 => I8, u16 => U16, i16 => I16, u32 => U32, i32 => I32, u64 => U64,
     i64 => I64, f32 => F32, f64 => F64);
 
-/// An `f32` that is no subnormal: such need not be looked for when it is fetched.
+/// An `f32` that is fetched as it is: subnormal numbers are not looked for.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
 pub struct PlainF32(f32);
 
 impl PlainF32 {
-    /// Numbers that the caller knows to be plain; of subnormal ones nothing worse comes than that
-    /// they count for what they are.
+    /// Numbers of which the caller keeps subnormal ones out of the way; nothing worse comes of them than
+    /// that they count for what they are, slowly.
     pub fn of(values: &[f32]) -> &[Self] {
         // SAFETY: the same layout, by `repr(transparent)`.
         unsafe { std::slice::from_raw_parts(values.as_ptr().cast(), values.len()) }

@@ -116,12 +116,12 @@ pub trait Scalar: bytemuck::Pod + PartialOrd + Send + Sync + sealed::Sealed + fm
     fn from_f64(value: f64) -> Self;
     /// Whether the value is finite.
     fn is_finite(self) -> bool;
-    /// Whether the value is 0 or of a size that differences of two are finite and far from
-    /// subnormal; always, for integers.
+    /// Whether the value is finite and of a size that differences of two are so too; for `f64`, which
+    /// are narrowed, also not too small unless 0; always, for integers.
     fn is_plain(self) -> bool;
 }
 
-/// Largest size of plain floating-point numbers; smallest is one over it.
+/// Largest size of plain floating-point numbers; the smallest of an `f64` is one over it.
 const PLAIN: f32 = 1e37;
 
 macro_rules! impl_scalar {
@@ -150,7 +150,7 @@ impl_scalar! {
     u64 => U64, |v| v.round() as u64, |_| true, |_| true;
     i64 => I64, |v| v.round() as i64, |_| true, |_| true;
     f32 => F32, |v| v as f32, f32::is_finite,
-        |v| v == 0.0 || (1.0 / PLAIN..=PLAIN).contains(&v.abs());
+        |v| v.abs() <= PLAIN;
     f64 => F64, |v| v, f64::is_finite,
         |v| v == 0.0 || (f64::from(1.0 / PLAIN)..=f64::from(PLAIN)).contains(&v.abs());
 }
