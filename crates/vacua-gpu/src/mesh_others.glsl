@@ -11,7 +11,7 @@ const float LOST = 1.0 / 32.0;
 // Local coordinates this far out are given up.
 const float FAR = 3.0;
 // Bound on the rounding of a solution, and by how much solving can enlarge a right-hand side; both
-// divided by column length and relative determinant.
+// divided by column length and relative determinant (`enlarged`).
 const float NEWTON_ROUNDING = 512.0 / 16777216.0;
 const float SOLVING = 8.0;
 // A pyramid's apex, in units of its size, within which base coordinates mean too little.
@@ -33,22 +33,28 @@ float largest_of(vec3 a) {
     return max(max(abs(a.x), abs(a.y)), abs(a.z));
 }
 
+// Lengths of columns, without the shortest, over their determinant.
+float enlarged_by(vec3 a, vec3 b, vec3 c, float inverse) {
+    vec3 lengths = vec3(largest_of(a), largest_of(b), largest_of(c));
+    vec3 pairs = lengths * lengths.yzx;
+    precise float enlarged = max(max(pairs.x, pairs.y), pairs.z) * abs(inverse);
+    return enlarged;
+}
+
 vec3 add_scaled(vec3 a, float s, vec3 b) {
     precise vec3 sum = fma(vec3(s), b, a);
     return sum;
 }
 
-// `x` with `columns · x = right`; the determinant over the columns' lengths; the shortest column.
-vec3 solve(vec3 a, vec3 b, vec3 c, vec3 right, out float relative, out float shortest) {
+// `x` with `columns · x = right`; `enlarged`: one over the shortest column and the determinant over the
+// columns' lengths.
+vec3 solve(vec3 a, vec3 b, vec3 c, vec3 right, out float enlarged) {
     vec3 bc = cross_of(b, c);
-    float determinant = dot_of(a, bc);
-    precise float inverse = 1.0 / determinant;
+    precise float inverse = 1.0 / dot_of(a, bc);
     precise vec3 x =
         vec3(dot_of(right, bc), dot_of(right, cross_of(c, a)), dot_of(right, cross_of(a, b)))
         * inverse;
-    vec3 lengths = vec3(largest_of(a), largest_of(b), largest_of(c));
-    relative = abs(determinant) / (lengths.x * lengths.y * lengths.z);
-    shortest = min(min(lengths.x, lengths.y), lengths.z);
+    enlarged = enlarged_by(a, b, c, inverse);
     return x;
 }
 
@@ -106,14 +112,13 @@ vec3 newton(uint kind, Map map, vec3 start, float error, out float margin, out b
     for (int i = 0; i < NEWTON_STEPS; ++i) {
         vec3 value, dx, dy, dz;
         map_at(kind, map, x, value, dx, dy, dz);
-        float relative, shortest;
-        vec3 step = solve(dx, dy, dz, value, relative, shortest);
-        precise float inverse = 1.0 / (shortest * relative);
-        precise float growth = bend_at(kind, map, x) * (inverse * SOLVING);
+        float enlarged;
+        vec3 step = solve(dx, dy, dz, value, enlarged);
+        precise float growth = bend_at(kind, map, x) * (enlarged * SOLVING);
         precise vec3 next = x - step;
         x = next;
         float size = largest_of(step);
-        precise float after = fma(growth * error, size + error, inverse * NEWTON_ROUNDING);
+        precise float after = fma(growth * error, size + error, enlarged * NEWTON_ROUNDING);
         error = after;
         // Comparisons with what is not a number fail.
         certain = error < LOST && largest_of(x) < FAR;
@@ -132,42 +137,104 @@ uint verdict_of(bool certain, float least, float margin) {
     return IN_DOUBT;
 }
 
-// What `f32` says of a cell and a place in the box around its corners, `p` being those as seen from
-// the place; the weights if it is inside.
-uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
+// The power of two that brings sizes to between 1 and 2; 0 where there is none.
+float scale_of(float size) {
+    bool is_tame = size > 1e-30 && size < 1e30;
+    return is_tame ? uintBitsToFloat(0x7f000000u - (floatBitsToUint(size) & 0x7f800000u)) : 0.0;
+}
+
+// A hexahedron's map as it is wherever it is seen from, and what the first of Newton's steps, from its
+// middle, needs.
+struct Hexahedron {
+    vec3 corner;
+    float scale;
+    // Coefficients from that of r on, scaled.
+    vec3 c[7];
+    // The inverse of the derivatives in the middle, row by row, and how much that enlarges.
+    vec3 rows[3];
+    float enlarged;
+};
+
+Hexahedron hexahedron_of(vec3 p[8]) {
+    Hexahedron h;
+    vec3 lo = p[0];
+    vec3 hi = p[0];
+    for (int k = 1; k < 8; ++k) {
+        lo = min(lo, p[k]);
+        hi = max(hi, p[k]);
+    }
+    h.corner = p[0];
+    h.scale = scale_of(largest_of(hi - lo));
+    precise vec3 a = (p[1] - p[0]) * h.scale;
+    precise vec3 b = (p[3] - p[0]) * h.scale;
+    precise vec3 c = (p[4] - p[0]) * h.scale;
+    precise vec3 across = (p[5] - p[4]) * h.scale;
+    precise vec3 rs = (p[2] - p[3]) * h.scale - a;
+    precise vec3 st = (p[7] - p[4]) * h.scale - b;
+    precise vec3 tr = across - a;
+    precise vec3 rst = ((p[6] - p[7]) * h.scale - across) - rs;
+    h.c = vec3[7](a, b, c, rs, st, tr, rst);
+    Map map;
+    map.c = vec3[8](vec3(0.0), a, b, c, rs, st, tr, rst);
+    vec3 middle, dx, dy, dz;
+    map_at(HEXAHEDRON, map, vec3(0.5), middle, dx, dy, dz);
+    vec3 yz = cross_of(dy, dz);
+    precise float inverse = 1.0 / dot_of(dx, yz);
+    precise vec3 first = yz * inverse;
+    precise vec3 second = cross_of(dz, dx) * inverse;
+    precise vec3 third = cross_of(dx, dy) * inverse;
+    h.rows = vec3[3](first, second, third);
+    h.enlarged = enlarged_by(dx, dy, dz, inverse);
+    return h;
+}
+
+// What `f32` says of a hexahedron and a place in the box around its corners; the weights if it is inside.
+uint hexahedron_verdict(Hexahedron h, vec3 at, out Weights weights) {
     weights = Weights(vec4(0.0), vec4(0.0));
+    precise vec3 corner = (h.corner - at) * h.scale;
+    // The place seen from the middle, times eight.
+    precise vec3 eighths = (h.c[3] + h.c[4]) + h.c[5];
+    eighths = fma(vec3(2.0), eighths, h.c[6]);
+    eighths = fma(vec3(4.0), (h.c[0] + h.c[1]) + h.c[2], eighths);
+    precise vec3 value = fma(vec3(0.125), eighths, corner);
+    precise vec3 start =
+        0.5 - vec3(dot_of(h.rows[0], value), dot_of(h.rows[1], value), dot_of(h.rows[2], value));
+    precise float error = h.enlarged * NEWTON_ROUNDING;
+    if (!(error < LOST && largest_of(start) < FAR)) return IN_DOUBT;
+    Map map;
+    map.c = vec3[8](corner, h.c[0], h.c[1], h.c[2], h.c[3], h.c[4], h.c[5], h.c[6]);
+    precise float twist = (largest_of(h.c[3]) + largest_of(h.c[4])) + largest_of(h.c[5]);
+    precise float bend = fma(3.0 * FAR, largest_of(h.c[6]), twist);
+    map.bend = bend;
+    float margin;
+    bool certain;
+    vec3 x = newton(HEXAHEDRON, map, start, error, margin, certain);
+    precise vec3 y = 1.0 - x;
+    float least = min(min(min(x.x, x.y), x.z), min(min(y.x, y.y), y.z));
+    precise vec4 across = vec4(y.x, x.x, x.x, y.x) * vec4(y.y, y.y, x.y, x.y);
+    precise vec4 low = across * y.z;
+    precise vec4 high = across * x.z;
+    weights = Weights(low, high);
+    return verdict_of(certain, least, margin);
+}
+
+// The same of a wedge or a pyramid.
+uint tapered_verdict(uint kind, vec3 corners[8], vec3 at, out Weights weights) {
+    weights = Weights(vec4(0.0), vec4(0.0));
+    vec3 p[8];
     float size = 0.0;
-    for (int k = 0; k < 8; ++k) size = max(size, largest_of(p[k]));
-    if (!(size > 1e-30 && size < 1e30)) return IN_DOUBT;
-    // The power of two that brings sizes to between 1 and 2.
-    float scale = uintBitsToFloat(0x7f000000u - (floatBitsToUint(size) & 0x7f800000u));
+    for (int k = 0; k < 8; ++k) {
+        precise vec3 apart = corners[k] - at;
+        p[k] = apart;
+        size = max(size, largest_of(apart));
+    }
+    float scale = scale_of(size);
+    if (scale == 0.0) return IN_DOUBT;
     for (int k = 0; k < 8; ++k) p[k] *= scale;
     Map map;
     float margin;
     bool certain;
     precise vec3 a = p[1] - p[0];
-    if (kind == HEXAHEDRON) {
-        precise vec3 b = p[3] - p[0];
-        precise vec3 c = p[4] - p[0];
-        precise vec3 rs = (p[2] - p[3]) - a;
-        precise vec3 st = (p[7] - p[4]) - b;
-        precise vec3 tr = (p[5] - p[4]) - a;
-        precise vec3 rst = ((p[6] - p[7]) - (p[5] - p[4])) - rs;
-        map.c = vec3[8](p[0], a, b, c, rs, st, tr, rst);
-        map.bend = fma(
-            3.0 * FAR,
-            largest_of(rst),
-            (largest_of(rs) + largest_of(st)) + largest_of(tr)
-        );
-        vec3 x = newton(kind, map, vec3(0.5), 0.0, margin, certain);
-        precise vec3 y = 1.0 - x;
-        float least = min(min(min(x.x, x.y), x.z), min(min(y.x, y.y), y.z));
-        precise vec4 across = vec4(y.x, x.x, x.x, y.x) * vec4(y.y, y.y, x.y, x.y);
-        precise vec4 low = across * y.z;
-        precise vec4 high = across * x.z;
-        weights = Weights(low, high);
-        return verdict_of(certain, least, margin);
-    }
     if (kind == WEDGE) {
         precise vec3 b = p[2] - p[0];
         precise vec3 rise = p[3] - p[0];
@@ -193,16 +260,15 @@ uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
     precise vec3 target = p[4] * (-1.0 / distance);
     map.c = vec3[8](corner, a, b, bend, target, vec3(0.0), vec3(0.0), vec3(0.0));
     map.bend = largest_of(bend);
-    float relative, shortest;
+    float enlarged;
     vec3 start = solve(
         add_scaled(corner, -0.25, bend),
         add_scaled(a, 0.5, bend),
         add_scaled(b, 0.5, bend),
         target,
-        relative,
-        shortest
+        enlarged
     );
-    float error = NEWTON_ROUNDING / (shortest * relative);
+    float error = NEWTON_ROUNDING * enlarged;
     vec3 x = newton(kind, map, start, error, margin, certain);
     precise vec2 r = x.yz / x.x;
     precise vec2 q = 1.0 - r;
@@ -416,23 +482,53 @@ bool other_exactly(Submesh part, Other other, vec3 at, out Weights weights) {
     return false;
 }
 
+// Whether a place lies outside of the hull of a hexahedron's corners by more than rounding, as the planes of
+// its faces tell. Far outside Newton's method may end nowhere, and finding that out takes `f64` long.
+bool outside_hull(vec3 corners[8], vec3 extent, vec3 at) {
+    const uvec4 FACES[6] = uvec4[](
+        uvec4(0, 1, 2, 3),
+        uvec4(4, 5, 6, 7),
+        uvec4(0, 1, 5, 4),
+        uvec4(1, 2, 6, 5),
+        uvec4(2, 3, 7, 6),
+        uvec4(3, 0, 4, 7)
+    );
+    bool is_outside = false;
+    [[unroll]] for (int f = 0; f < 6; ++f) {
+        uvec4 face = FACES[f];
+        vec3 normal = cross_of(
+            corners[face.z] - corners[face.x], corners[face.w] - corners[face.y]
+        );
+        float first = LARGEST;
+        float last = -LARGEST;
+        [[unroll]] for (int k = 0; k < 8; ++k) {
+            float height = dot_of(normal, corners[k] - at);
+            first = min(first, height);
+            last = max(last, height);
+        }
+        float margin = 1e-4 * dot_of(abs(normal), extent);
+        is_outside = is_outside || first > margin || last < -margin;
+    }
+    return is_outside;
+}
+
 // Whether a cell accepts a place, and the weights of its corners there.
 bool other_accepts(Submesh part, Other other, vec3 at, out Weights weights) {
     vec3 corners[8];
-    for (uint k = 0; k < 8; ++k) corners[k] = vertex_at(part, other.vertices[k]);
+    [[unroll]] for (uint k = 0; k < 8; ++k) corners[k] = vertex_at(part, other.vertices[k]);
     vec3 lo = corners[0];
     vec3 hi = corners[0];
-    for (int k = 1; k < 8; ++k) {
+    [[unroll]] for (int k = 1; k < 8; ++k) {
         lo = min(lo, corners[k]);
         hi = max(hi, corners[k]);
     }
     weights = Weights(vec4(0.0), vec4(0.0));
     if (!in_box(at, lo, hi)) return false;
-    for (int k = 0; k < 8; ++k) {
-        precise vec3 apart = corners[k] - at;
-        corners[k] = apart;
-    }
-    uint verdict = other_verdict(other.kind, corners, weights);
+    bool is_hexahedron = other.kind == HEXAHEDRON;
+    uint verdict = is_hexahedron
+        ? hexahedron_verdict(hexahedron_of(corners), at, weights)
+        : tapered_verdict(other.kind, corners, at, weights);
     if (verdict != IN_DOUBT) return verdict == INSIDE;
+    if (is_hexahedron && outside_hull(corners, hi - lo, at)) return false;
     return other_exactly(part, other, at, weights);
 }
