@@ -1,5 +1,4 @@
-// The beam of a subgroup's samples, and what cells hold of them: which cells the beam meets, which
-// samples of a lane a cell may hold, and which it holds for sure.
+// The beam of a subgroup's samples: the box around them along its own axes, and whether something meets it.
 
 // Where the segments of all lanes are.
 struct Beam {
