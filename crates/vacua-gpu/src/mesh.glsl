@@ -2,6 +2,7 @@
 // host adds is where each sub-mesh's parts begin (`mesh.rs` is the other side of the structs).
 
 #extension GL_EXT_buffer_reference_uvec2 : require
+#extension GL_EXT_control_flow_attributes : require
 
 // What a pipeline of meshes is specialised for, besides what all are.
 layout(constant_id = 32) const uint VALUE_TYPE = 0;
@@ -10,7 +11,7 @@ layout(constant_id = 34) const bool VARYING = false;
 // Kinds of cells that there are.
 layout(constant_id = 36) const bool HAS_TETS = true;
 layout(constant_id = 37) const bool HAS_OTHERS = true;
-// How cells are held, and the kind of all of them where they lie in a plain list.
+// How cells are held; and the kind of all of them, or of all but tetrahedra of packed ones.
 layout(constant_id = 38) const uint HELD = 0;
 layout(constant_id = 39) const uint ONLY_KIND = 4;
 
@@ -209,6 +210,8 @@ Other other_at(Submesh part, uint place) {
         other.vertices[2 * k] = word & 0xffffu;
         other.vertices[2 * k + 1] = word >> 16;
     }
+    other.kind = ONLY_KIND;
+    if (ONLY_KIND == HEXAHEDRON) return other;
     bool is_filled = (part.kinds & HAS_MARKER) != 0u && other.vertices[7] == MARKER;
     bool is_pyramid = is_filled && other.vertices[5] == MARKER;
     other.kind = !is_filled ? HEXAHEDRON : is_pyramid ? PYRAMID : WEDGE;
@@ -272,6 +275,10 @@ uint byte_at(Submesh part, uint first, uint child) {
     return part.nodes.word[first + (child >> 2)] >> (8 * (child & 3u)) & 255u;
 }
 
+uint counts_of(Submesh part, uint node, uint child) {
+    return byte_at(part, node * node_words() + 10, child);
+}
+
 Child child_at(Submesh part, uint node, uint child) {
     uint first = node * node_words();
     uvec3 box = uvec3(
@@ -293,7 +300,7 @@ Child child_at(Submesh part, uint node, uint child) {
     precise vec3 child_hi = fma(width, vec3(bytes >> 4) + 1.0, from);
     found.lo = child_lo;
     found.hi = child_hi;
-    found.counts = byte_at(part, first + 10, child);
+    found.counts = counts_of(part, node, child);
     found.is_inner = found.counts == 0 && (bytes.x & 15u) <= bytes.x >> 4;
     return found;
 }
@@ -328,7 +335,7 @@ uint cells_before_in_node(Submesh part, uint node, uint primitive) {
     uint first = first_index_of(part, node);
     uint cells = 0;
     for (uint child = 0; child < 8; ++child) {
-        uint counts = byte_at(part, node * node_words() + 10, child);
+        uint counts = counts_of(part, node, child);
         uint words = leaf_indices(counts);
         if (place >= first + words) {
             first += words;

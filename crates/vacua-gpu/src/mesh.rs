@@ -59,6 +59,10 @@ pub(crate) mod kinds {
 /// Sub-meshes in a group that has a box of its own; as in `mesh.glsl`.
 pub(crate) const GROUP_PARTS: usize = 32;
 
+/// Nodes that wait while a subgroup searches, and quads of words of its beam; as in `mesh_search.glsl`.
+pub(crate) const STACK: u32 = 128;
+pub(crate) const BEAM_QUADS: u32 = 6;
+
 /// A sub-mesh as shaders see it: `Submesh` of `mesh.glsl`, which says what each member means.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -159,7 +163,7 @@ pub(crate) struct DeviceMesh {
     pub bytes: MeshBytes,
     /// How its cells are held.
     pub held: Held,
-    /// The kind of all cells of a plain list.
+    /// The kind of all cells of a plain list, or of all but tetrahedra of packed ones.
     pub only_kind: u32,
     /// Faces that its acceleration structure is to be built over, if it is over faces.
     pub faces: Option<FaceShapes>,
@@ -387,7 +391,7 @@ impl DeviceMesh {
             header,
             bytes,
             held: Held::Packed,
-            only_kind: MIXED,
+            only_kind: only_kind(cells.mesh()),
             faces: None,
             structure: None,
             ranges: None,
@@ -427,6 +431,16 @@ impl DeviceMesh {
         let ranges = base.coarser(side / base.lattice().side());
         self.ranges = Some(base);
         ranges
+    }
+}
+
+/// The kind of all cells but tetrahedra, if there is one.
+fn only_kind(mesh: &PackedMesh) -> u32 {
+    let [_, others @ ..] = mesh.num_cells_by_type();
+    let mut kinds = (1..).zip(others).filter(|&(_, n)| n > 0);
+    match (kinds.next(), kinds.next()) {
+        (Some((kind, _)), None) => kind,
+        _ => MIXED,
     }
 }
 

@@ -12,11 +12,20 @@
 #include "mesh_others.glsl"
 #include "mesh_locate.glsl"
 #include "mesh_values.glsl"
-#include "mesh_search.glsl"
-#include "mesh_ray.glsl"
 
 // Whether the rays of a subgroup search together, or each on its own.
 layout(constant_id = 35) const bool TOGETHER = true;
+// Whether it must be known in which sub-mesh a cell is.
+const bool NEEDS_PARTS = HAS_TETS || SHADED;
+
+#include "mesh_search.glsl"
+#include "mesh_ray.glsl"
+
+vec3 place_of_lane(uint lane, uint i) {
+    uint stride = VARYING ? subgroupShuffle(block_stride, lane) : 1;
+    uint k = subgroupShuffle(block_first, lane) + i * stride;
+    return place_at(subgroupShuffle(ray.start, lane), subgroupShuffle(ray.step, lane), float(k));
+}
 
 vec3 forward() {
     return ray.step;
@@ -36,28 +45,24 @@ void find_all(Mesh mesh, Segment segment) {
 }
 
 bool find(Mesh mesh, uint i, vec3 place, out Found at) {
-    at.has_value = false;
     at.is_valid = false;
     at.value = 0.0;
     if (!TOGETHER) return locate(mesh, place, at.cell);
     uint slot = found_slot(gl_SubgroupInvocationID, i);
-    uint part = found_part[slot];
-    at.cell = Cell(
-        part & PART_BITS, found[slot], CELL_DATA ? found_node[slot] : 0, (part & IS_OTHER) != 0
-    );
-    if (HAS_OTHERS && (part & HAS_VALUE) != 0) {
-        at.has_value = true;
-        at.is_valid = (part & IS_VALID) != 0;
+    uint part = NEEDS_PARTS ? found_part[slot] : IS_OTHER;
+    uint node = CELL_DATA && HAS_TETS ? found_node[slot] : 0;
+    at.cell = Cell(part & ~IS_OTHER, found[slot], node, (part & IS_OTHER) != 0);
+    if (HAS_OTHERS) {
         at.value = found_value[slot];
+        at.is_valid = is_number(at.value);
     }
     return at.cell.primitive != NO_CELL;
 }
 
 void main() {
     Mesh mesh = mesh_of(uvec2(push.planes));
-    // Subgroups see tiles about as wide as high, one below the other.
-    uint bits = uint(findMSB(LANES));
-    uint columns = 1u << ((bits + 1) / 2);
+    // Tiles of subgroups lie one below the other.
+    uint columns = tile_columns();
     uint rows = LANES / columns;
     uint lane = gl_SubgroupInvocationID;
     uvec2 own = uvec2(

@@ -11,17 +11,11 @@ const float LOST = 1.0 / 32.0;
 // Local coordinates this far out are given up.
 const float FAR = 3.0;
 // Bound on the rounding of a solution, and by how much solving can enlarge a right-hand side; both
-// divided by column length and relative determinant.
+// divided by column length and relative determinant (`enlarged`).
 const float NEWTON_ROUNDING = 512.0 / 16777216.0;
 const float SOLVING = 8.0;
 // A pyramid's apex, in units of its size, within which base coordinates mean too little.
 const float NEAR_APEX = 1.0 / 64.0;
-
-// The same in `f64`.
-const int EXACT_STEPS = 24;
-const double EXACT_LAST_STEP = 1e-7LF;
-const double EXACT_FAR = 1e3LF;
-const double TOLERANCE = 1e-9LF;
 
 // Weights of up to eight corners, the first four and the last four.
 struct Weights {
@@ -33,22 +27,28 @@ float largest_of(vec3 a) {
     return max(max(abs(a.x), abs(a.y)), abs(a.z));
 }
 
+// Lengths of columns, without the shortest, over their determinant.
+float enlarged_by(vec3 a, vec3 b, vec3 c, float inverse) {
+    vec3 lengths = vec3(largest_of(a), largest_of(b), largest_of(c));
+    vec3 pairs = lengths * lengths.yzx;
+    precise float enlarged = max(max(pairs.x, pairs.y), pairs.z) * abs(inverse);
+    return enlarged;
+}
+
 vec3 add_scaled(vec3 a, float s, vec3 b) {
     precise vec3 sum = fma(vec3(s), b, a);
     return sum;
 }
 
-// `x` with `columns · x = right`; the determinant over the columns' lengths; the shortest column.
-vec3 solve(vec3 a, vec3 b, vec3 c, vec3 right, out float relative, out float shortest) {
+// `x` with `columns · x = right`; `enlarged`: one over the shortest column and the determinant over the
+// columns' lengths.
+vec3 solve(vec3 a, vec3 b, vec3 c, vec3 right, out float enlarged) {
     vec3 bc = cross_of(b, c);
-    float determinant = dot_of(a, bc);
-    precise float inverse = 1.0 / determinant;
+    precise float inverse = 1.0 / dot_of(a, bc);
     precise vec3 x =
         vec3(dot_of(right, bc), dot_of(right, cross_of(c, a)), dot_of(right, cross_of(a, b)))
         * inverse;
-    vec3 lengths = vec3(largest_of(a), largest_of(b), largest_of(c));
-    relative = abs(determinant) / (lengths.x * lengths.y * lengths.z);
-    shortest = min(min(lengths.x, lengths.y), lengths.z);
+    enlarged = enlarged_by(a, b, c, inverse);
     return x;
 }
 
@@ -106,14 +106,13 @@ vec3 newton(uint kind, Map map, vec3 start, float error, out float margin, out b
     for (int i = 0; i < NEWTON_STEPS; ++i) {
         vec3 value, dx, dy, dz;
         map_at(kind, map, x, value, dx, dy, dz);
-        float relative, shortest;
-        vec3 step = solve(dx, dy, dz, value, relative, shortest);
-        precise float inverse = 1.0 / (shortest * relative);
-        precise float growth = bend_at(kind, map, x) * (inverse * SOLVING);
+        float enlarged;
+        vec3 step = solve(dx, dy, dz, value, enlarged);
+        precise float growth = bend_at(kind, map, x) * (enlarged * SOLVING);
         precise vec3 next = x - step;
         x = next;
         float size = largest_of(step);
-        precise float after = fma(growth * error, size + error, inverse * NEWTON_ROUNDING);
+        precise float after = fma(growth * error, size + error, enlarged * NEWTON_ROUNDING);
         error = after;
         // Comparisons with what is not a number fail.
         certain = error < LOST && largest_of(x) < FAR;
@@ -132,42 +131,104 @@ uint verdict_of(bool certain, float least, float margin) {
     return IN_DOUBT;
 }
 
-// What `f32` says of a cell and a place in the box around its corners, `p` being those as seen from
-// the place; the weights if it is inside.
-uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
+// The power of two that brings sizes to between 1 and 2; 0 where there is none.
+float scale_of(float size) {
+    bool is_tame = size > 1e-30 && size < 1e30;
+    return is_tame ? uintBitsToFloat(0x7f000000u - (floatBitsToUint(size) & 0x7f800000u)) : 0.0;
+}
+
+// A hexahedron's map as it is wherever it is seen from, and what the first of Newton's steps, from its
+// middle, needs.
+struct Hexahedron {
+    vec3 corner;
+    float scale;
+    // Coefficients from that of r on, scaled.
+    vec3 c[7];
+    // The inverse of the derivatives in the middle, row by row, and how much that enlarges.
+    vec3 rows[3];
+    float enlarged;
+};
+
+Hexahedron hexahedron_of(vec3 p[8]) {
+    Hexahedron h;
+    vec3 lo = p[0];
+    vec3 hi = p[0];
+    for (int k = 1; k < 8; ++k) {
+        lo = min(lo, p[k]);
+        hi = max(hi, p[k]);
+    }
+    h.corner = p[0];
+    h.scale = scale_of(largest_of(hi - lo));
+    precise vec3 a = (p[1] - p[0]) * h.scale;
+    precise vec3 b = (p[3] - p[0]) * h.scale;
+    precise vec3 c = (p[4] - p[0]) * h.scale;
+    precise vec3 across = (p[5] - p[4]) * h.scale;
+    precise vec3 rs = (p[2] - p[3]) * h.scale - a;
+    precise vec3 st = (p[7] - p[4]) * h.scale - b;
+    precise vec3 tr = across - a;
+    precise vec3 rst = ((p[6] - p[7]) * h.scale - across) - rs;
+    h.c = vec3[7](a, b, c, rs, st, tr, rst);
+    Map map;
+    map.c = vec3[8](vec3(0.0), a, b, c, rs, st, tr, rst);
+    vec3 middle, dx, dy, dz;
+    map_at(HEXAHEDRON, map, vec3(0.5), middle, dx, dy, dz);
+    vec3 yz = cross_of(dy, dz);
+    precise float inverse = 1.0 / dot_of(dx, yz);
+    precise vec3 first = yz * inverse;
+    precise vec3 second = cross_of(dz, dx) * inverse;
+    precise vec3 third = cross_of(dx, dy) * inverse;
+    h.rows = vec3[3](first, second, third);
+    h.enlarged = enlarged_by(dx, dy, dz, inverse);
+    return h;
+}
+
+// What `f32` says of a hexahedron and a place in the box around its corners; the weights if it is inside.
+uint hexahedron_verdict(Hexahedron h, vec3 at, out Weights weights) {
     weights = Weights(vec4(0.0), vec4(0.0));
+    precise vec3 corner = (h.corner - at) * h.scale;
+    // The place seen from the middle, times eight.
+    precise vec3 eighths = (h.c[3] + h.c[4]) + h.c[5];
+    eighths = fma(vec3(2.0), eighths, h.c[6]);
+    eighths = fma(vec3(4.0), (h.c[0] + h.c[1]) + h.c[2], eighths);
+    precise vec3 value = fma(vec3(0.125), eighths, corner);
+    precise vec3 start =
+        0.5 - vec3(dot_of(h.rows[0], value), dot_of(h.rows[1], value), dot_of(h.rows[2], value));
+    precise float error = h.enlarged * NEWTON_ROUNDING;
+    if (!(error < LOST && largest_of(start) < FAR)) return IN_DOUBT;
+    Map map;
+    map.c = vec3[8](corner, h.c[0], h.c[1], h.c[2], h.c[3], h.c[4], h.c[5], h.c[6]);
+    precise float twist = (largest_of(h.c[3]) + largest_of(h.c[4])) + largest_of(h.c[5]);
+    precise float bend = fma(3.0 * FAR, largest_of(h.c[6]), twist);
+    map.bend = bend;
+    float margin;
+    bool certain;
+    vec3 x = newton(HEXAHEDRON, map, start, error, margin, certain);
+    precise vec3 y = 1.0 - x;
+    float least = min(min(min(x.x, x.y), x.z), min(min(y.x, y.y), y.z));
+    precise vec4 across = vec4(y.x, x.x, x.x, y.x) * vec4(y.y, y.y, x.y, x.y);
+    precise vec4 low = across * y.z;
+    precise vec4 high = across * x.z;
+    weights = Weights(low, high);
+    return verdict_of(certain, least, margin);
+}
+
+// The same of a wedge or a pyramid.
+uint tapered_verdict(uint kind, vec3 corners[8], vec3 at, out Weights weights) {
+    weights = Weights(vec4(0.0), vec4(0.0));
+    vec3 p[8];
     float size = 0.0;
-    for (int k = 0; k < 8; ++k) size = max(size, largest_of(p[k]));
-    if (!(size > 1e-30 && size < 1e30)) return IN_DOUBT;
-    // The power of two that brings sizes to between 1 and 2.
-    float scale = uintBitsToFloat(0x7f000000u - (floatBitsToUint(size) & 0x7f800000u));
+    for (int k = 0; k < 8; ++k) {
+        precise vec3 apart = corners[k] - at;
+        p[k] = apart;
+        size = max(size, largest_of(apart));
+    }
+    float scale = scale_of(size);
+    if (scale == 0.0) return IN_DOUBT;
     for (int k = 0; k < 8; ++k) p[k] *= scale;
     Map map;
     float margin;
     bool certain;
     precise vec3 a = p[1] - p[0];
-    if (kind == HEXAHEDRON) {
-        precise vec3 b = p[3] - p[0];
-        precise vec3 c = p[4] - p[0];
-        precise vec3 rs = (p[2] - p[3]) - a;
-        precise vec3 st = (p[7] - p[4]) - b;
-        precise vec3 tr = (p[5] - p[4]) - a;
-        precise vec3 rst = ((p[6] - p[7]) - (p[5] - p[4])) - rs;
-        map.c = vec3[8](p[0], a, b, c, rs, st, tr, rst);
-        map.bend = fma(
-            3.0 * FAR,
-            largest_of(rst),
-            (largest_of(rs) + largest_of(st)) + largest_of(tr)
-        );
-        vec3 x = newton(kind, map, vec3(0.5), 0.0, margin, certain);
-        precise vec3 y = 1.0 - x;
-        float least = min(min(min(x.x, x.y), x.z), min(min(y.x, y.y), y.z));
-        precise vec4 across = vec4(y.x, x.x, x.x, y.x) * vec4(y.y, y.y, x.y, x.y);
-        precise vec4 low = across * y.z;
-        precise vec4 high = across * x.z;
-        weights = Weights(low, high);
-        return verdict_of(certain, least, margin);
-    }
     if (kind == WEDGE) {
         precise vec3 b = p[2] - p[0];
         precise vec3 rise = p[3] - p[0];
@@ -193,16 +254,15 @@ uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
     precise vec3 target = p[4] * (-1.0 / distance);
     map.c = vec3[8](corner, a, b, bend, target, vec3(0.0), vec3(0.0), vec3(0.0));
     map.bend = largest_of(bend);
-    float relative, shortest;
+    float enlarged;
     vec3 start = solve(
         add_scaled(corner, -0.25, bend),
         add_scaled(a, 0.5, bend),
         add_scaled(b, 0.5, bend),
         target,
-        relative,
-        shortest
+        enlarged
     );
-    float error = NEWTON_ROUNDING / (shortest * relative);
+    float error = NEWTON_ROUNDING * enlarged;
     vec3 x = newton(kind, map, start, error, margin, certain);
     precise vec2 r = x.yz / x.x;
     precise vec2 q = 1.0 - r;
@@ -218,221 +278,55 @@ uint other_verdict(uint kind, vec3 p[8], out Weights weights) {
     return verdict_of(certain, least, margin);
 }
 
-double exact_largest(dvec3 a) {
-    return max(max(abs(a.x), abs(a.y)), abs(a.z));
-}
+#include "mesh_exact.glsl"
 
-// The same operations in the same order as the scalar code, none of them contracted.
-dvec3 exact_sum(dvec3 a, double s, dvec3 b) {
-    precise dvec3 sum = a + s * b;
-    return sum;
-}
-
-dvec3 exact_cross(dvec3 a, dvec3 b) {
-    precise dvec3 found = a.yzx * b.zxy - a.zxy * b.yzx;
-    return found;
-}
-
-double exact_dot(dvec3 a, dvec3 b) {
-    precise double sum = a.x * b.x + a.y * b.y + a.z * b.z;
-    return sum;
-}
-
-bool exact_solve(dvec3 a, dvec3 b, dvec3 c, dvec3 right, out dvec3 x) {
-    dvec3 bc = exact_cross(b, c);
-    double determinant = exact_dot(a, bc);
-    precise dvec3 found = dvec3(
-        exact_dot(right, bc),
-        exact_dot(right, exact_cross(c, a)),
-        exact_dot(right, exact_cross(a, b))
-    ) / determinant;
-    x = found;
-    return exact_largest(x) < 1e308LF;
-}
-
-// Value and derivatives of a map, coefficients as in `Map`.
-void exact_map(
-    uint kind,
-    dvec3 c[8],
-    dvec3 x,
-    out dvec3 value,
-    out dvec3 dx,
-    out dvec3 dy,
-    out dvec3 dz
-) {
-    if (kind == HEXAHEDRON) {
-        dx = exact_sum(exact_sum(exact_sum(c[1], x.y, c[4]), x.z, c[6]), x.y * x.z, c[7]);
-        dy = exact_sum(exact_sum(exact_sum(c[2], x.z, c[5]), x.x, c[4]), x.x * x.z, c[7]);
-        dz = exact_sum(exact_sum(exact_sum(c[3], x.x, c[6]), x.y, c[5]), x.x * x.y, c[7]);
-        dvec3 plane =
-            exact_sum(exact_sum(exact_sum(c[0], x.y, c[2]), x.z, c[3]), x.y * x.z, c[5]);
-        value = exact_sum(plane, x.x, dx);
-    } else if (kind == WEDGE) {
-        dx = exact_sum(c[1], x.z, c[4]);
-        dy = exact_sum(c[2], x.z, c[5]);
-        dz = exact_sum(exact_sum(c[3], x.x, c[4]), x.y, c[5]);
-        value = exact_sum(exact_sum(exact_sum(c[0], x.z, c[3]), x.x, dx), x.y, dy);
-    } else {
-        precise double r = x.y / x.x;
-        precise double s = x.z / x.x;
-        precise dvec3 sum = x.x * c[0];
-        sum = exact_sum(exact_sum(sum, x.y, c[1]), x.z, c[2]);
-        sum = exact_sum(sum, x.y * s, c[3]);
-        precise dvec3 apart = sum - c[4];
-        value = apart;
-        dx = exact_sum(c[0], -r * s, c[3]);
-        dy = exact_sum(c[1], s, c[3]);
-        dz = exact_sum(c[2], r, c[3]);
-    }
-}
-
-// Newton's method from a start.
-bool exact_newton(uint kind, dvec3 c[8], dvec3 start, out dvec3 x) {
-    x = start;
-    for (int i = 0; i < EXACT_STEPS; ++i) {
-        dvec3 value, dx, dy, dz, step;
-        exact_map(kind, c, x, value, dx, dy, dz);
-        if (!exact_solve(dx, dy, dz, value, step)) return false;
-        precise dvec3 next = x - step;
-        x = next;
-        if (exact_largest(step) < EXACT_LAST_STEP) return true;
-        if (exact_largest(x) > EXACT_FAR) return false;
-    }
-    return false;
-}
-
-bool is_near(double x) {
-    return x >= -TOLERANCE && x <= 1.0LF + TOLERANCE;
-}
-
-// A number of starts of the scalar code.
-dvec3 start_of(uint kind, int k) {
-    int corner = k - 1;
-    if (kind == WEDGE) {
-        if (k == 0) return dvec3(1.0LF / 3.0LF, 1.0LF / 3.0LF, 0.5LF);
-        int of_triangle = corner % 3;
-        return dvec3(
-            of_triangle == 1 ? 0.8LF : 0.1LF,
-            of_triangle == 2 ? 0.8LF : 0.1LF,
-            corner < 3 ? 0.1LF : 0.9LF
-        );
-    }
-    // Of a pyramid, places of its base.
-    if (k == 0) return dvec3(0.5LF);
-    return dvec3(
-        (corner & 1) != 0 ? 0.9LF : 0.1LF,
-        (corner & 2) != 0 ? 0.9LF : 0.1LF,
-        (corner & 4) != 0 ? 0.9LF : 0.1LF
+// Whether a place lies outside of the hull of a hexahedron's corners by more than rounding, as the planes of
+// its faces tell. Far outside Newton's method may end nowhere, and finding that out takes `f64` long.
+bool outside_hull(vec3 corners[8], vec3 extent, vec3 at) {
+    const uvec4 FACES[6] = uvec4[](
+        uvec4(0, 1, 2, 3),
+        uvec4(4, 5, 6, 7),
+        uvec4(0, 1, 5, 4),
+        uvec4(1, 2, 6, 5),
+        uvec4(2, 3, 7, 6),
+        uvec4(3, 0, 4, 7)
     );
-}
-
-// Whether local coordinates are those of the element, and the weights of its corners then.
-bool exact_weights(uint kind, dvec3 x, double distance, out Weights weights) {
-    weights = Weights(vec4(0.0), vec4(0.0));
-    if (kind == WEDGE) {
-        precise double rest = 1.0LF - x.x - x.y;
-        bool is_inside = x.x >= -TOLERANCE && x.y >= -TOLERANCE && rest >= -TOLERANCE;
-        if (!(is_inside && is_near(x.z))) return false;
-        dvec3 base = max(dvec3(rest, x.xy), dvec3(0.0LF));
-        base /= base.x + base.y + base.z;
-        double t = clamp(x.z, 0.0LF, 1.0LF);
-        vec3 low = vec3(base * (1.0LF - t));
-        vec3 high = vec3(base * t);
-        weights = Weights(vec4(low, high.x), vec4(high.yz, 0.0, 0.0));
-        return true;
-    }
-    double w = 1.0LF;
-    if (kind == PYRAMID) {
-        precise dvec2 base = x.yz / x.x;
-        precise double height = x.x * distance;
-        w = height;
-        if (!(w >= 0.0LF)) return false;
-        x = dvec3(base, w);
-    }
-    if (!(is_near(x.x) && is_near(x.y) && is_near(x.z))) return false;
-    x = clamp(x, dvec3(0.0LF), dvec3(1.0LF));
-    dvec2 u = 1.0LF - x.xy;
-    dvec4 base = dvec4(u.x * u.y, x.x * u.y, x.x * x.y, u.x * x.y);
-    if (kind == PYRAMID) {
-        weights = Weights(vec4(base * x.z), vec4(1.0LF - x.z, 0.0, 0.0, 0.0));
-    } else {
-        weights = Weights(vec4(base * (1.0LF - x.z)), vec4(base * x.z));
-    }
-    return true;
-}
-
-// What `f64` says of a cell and a place.
-bool other_exactly(Submesh part, Other other, vec3 at, out Weights weights) {
-    uint kind = other.kind;
-    dvec3 from = dvec3(at);
-    dvec3 p[8];
-    for (uint k = 0; k < 8; ++k) p[k] = dvec3(vertex_at(part, other.vertices[k])) - from;
-    dvec3 c[8];
-    dvec3 a = p[1] - p[0];
-    double distance = 1.0LF;
-    weights = Weights(vec4(0.0), vec4(1.0, 0.0, 0.0, 0.0));
-    if (kind == HEXAHEDRON) {
-        dvec3 b = p[3] - p[0];
-        precise dvec3 rs = p[2] - p[3] - a;
-        precise dvec3 st = p[7] - p[4] - b;
-        precise dvec3 tr = p[5] - p[4] - a;
-        precise dvec3 rst = (p[6] - p[7]) - (p[5] - p[4]) - rs;
-        c = dvec3[8](p[0], a, b, p[4] - p[0], rs, st, tr, rst);
-    } else if (kind == WEDGE) {
-        dvec3 b = p[2] - p[0];
-        precise dvec3 twist_r = p[4] - p[3] - a;
-        precise dvec3 twist_s = p[5] - p[3] - b;
-        c = dvec3[8](p[0], a, b, p[3] - p[0], twist_r, twist_s, p[0], p[0]);
-    } else {
-        dvec3 corner = p[0] - p[4];
-        dvec3 b = p[3] - p[0];
-        precise dvec3 bend = p[2] - p[3] - a;
-        dvec3 from_apex = -p[4];
-        double size = max(max(exact_largest(corner), exact_largest(a)), exact_largest(b));
-        precise double apart = exact_largest(from_apex) / size;
-        distance = apart;
-        if (distance == 0.0LF) {
-            dvec3 x;
-            return exact_solve(corner, a, b, from_apex, x);
+    bool is_outside = false;
+    [[unroll]] for (int f = 0; f < 6; ++f) {
+        uvec4 face = FACES[f];
+        vec3 normal = cross_of(
+            corners[face.z] - corners[face.x], corners[face.w] - corners[face.y]
+        );
+        float first = LARGEST;
+        float last = -LARGEST;
+        [[unroll]] for (int k = 0; k < 8; ++k) {
+            float height = dot_of(normal, corners[k] - at);
+            first = min(first, height);
+            last = max(last, height);
         }
-        precise dvec3 target = (1.0LF / distance) * from_apex;
-        c = dvec3[8](corner, a, b, bend, target, p[0], p[0], p[0]);
+        float margin = 1e-4 * dot_of(abs(normal), extent);
+        is_outside = is_outside || first > margin || last < -margin;
     }
-    int starts = kind == HEXAHEDRON ? 9 : kind == WEDGE ? 7 : 5;
-    for (int k = 0; k < starts; ++k) {
-        dvec3 start = start_of(kind, k);
-        dvec3 x;
-        if (kind == PYRAMID) {
-            // A guess for u·v/w that is right at this place of the base.
-            dvec3 by_w = exact_sum(c[0], -start.x * start.y, c[3]);
-            dvec3 by_u = exact_sum(c[1], start.y, c[3]);
-            dvec3 by_v = exact_sum(c[2], start.x, c[3]);
-            if (!exact_solve(by_w, by_u, by_v, c[4], start)) continue;
-        }
-        if (!exact_newton(kind, c, start, x)) continue;
-        if (exact_weights(kind, x, distance, weights)) return true;
-        if (k == 0) return false;
-    }
-    return false;
+    return is_outside;
 }
 
 // Whether a cell accepts a place, and the weights of its corners there.
 bool other_accepts(Submesh part, Other other, vec3 at, out Weights weights) {
     vec3 corners[8];
-    for (uint k = 0; k < 8; ++k) corners[k] = vertex_at(part, other.vertices[k]);
+    [[unroll]] for (uint k = 0; k < 8; ++k) corners[k] = vertex_at(part, other.vertices[k]);
     vec3 lo = corners[0];
     vec3 hi = corners[0];
-    for (int k = 1; k < 8; ++k) {
+    [[unroll]] for (int k = 1; k < 8; ++k) {
         lo = min(lo, corners[k]);
         hi = max(hi, corners[k]);
     }
     weights = Weights(vec4(0.0), vec4(0.0));
     if (!in_box(at, lo, hi)) return false;
-    for (int k = 0; k < 8; ++k) {
-        precise vec3 apart = corners[k] - at;
-        corners[k] = apart;
-    }
-    uint verdict = other_verdict(other.kind, corners, weights);
+    bool is_hexahedron = other.kind == HEXAHEDRON;
+    uint verdict = is_hexahedron
+        ? hexahedron_verdict(hexahedron_of(corners), at, weights)
+        : tapered_verdict(other.kind, corners, at, weights);
     if (verdict != IN_DOUBT) return verdict == INSIDE;
+    if (is_hexahedron && outside_hull(corners, hi - lo, at)) return false;
     return other_exactly(part, other, at, weights);
 }

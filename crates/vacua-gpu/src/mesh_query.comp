@@ -14,6 +14,10 @@
 #include "mesh_locate.glsl"
 #include "mesh_values.glsl"
 #include "mesh_traced.glsl"
+
+// Whether values are found with the cells.
+const bool TOGETHER = false;
+
 #include "mesh_ray.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -27,7 +31,6 @@ uint first_wanted(uint wanted) {
 void find_all(Mesh mesh, Segment segment) {}
 
 bool find(Mesh mesh, uint i, vec3 place, out Found at) {
-    at.has_value = false;
     at.is_valid = false;
     at.value = 0.0;
     at.cell = Cell(0, NO_CELL, 0, false);

@@ -2,7 +2,7 @@
 // front to back. A sample without extinction multiplies by exactly 1 and adds exactly 0, so that
 // leaving it out changes no bit. Whether a ray ends is asked at the ends of blocks only.
 //
-// Who includes this has `first_wanted`, `find_all` and `find`.
+// Who includes this has `TOGETHER`, `first_wanted`, `find_all` and `find`.
 
 // The transfer table where it lies: a mesh's samples cost much more than looking them up.
 uvec2 table_entry(uint index) {
@@ -21,17 +21,22 @@ vec4 corner;
 uint block_first;
 uint block_stride;
 
-vec3 place_of(uint i) {
-    vec3 at = position(ray, float(block_first + i * block_stride));
+// Where a sample of a ray is, in the mesh's own space.
+vec3 place_at(vec3 start, vec3 step, float k) {
+    precise vec3 at = fma(vec3(k), step, start);
     precise vec3 place = fma(at, vec3(corner.w), corner.xyz);
     return place;
+}
+
+vec3 place_of(uint i) {
+    return place_at(ray.start, ray.step, float(block_first + i * block_stride));
 }
 
 // What was found at a sample.
 struct Found {
     Cell cell;
-    // Whether the value is known already, and whether there is one.
-    bool has_value;
+    // The value and whether there is one, if it is known already: of a cell other than a tetrahedron that
+    // was searched for together.
     bool is_valid;
     float value;
 };
@@ -41,8 +46,11 @@ void add(inout Pixel pixel, Mesh mesh, float k, vec3 place, float optical_length
     Submesh part = mesh.submeshes.submesh[at.cell.number];
     float value = at.value;
     bool is_valid = at.is_valid;
-    if (!at.has_value) {
-        is_valid = value_in_cell(mesh, part, at.cell, place, value);
+    if (!(TOGETHER && HAS_OTHERS && (!HAS_TETS || at.cell.is_other))) {
+        // Not another cell, where values of these are known.
+        Cell cell = at.cell;
+        if (TOGETHER) cell.is_other = false;
+        is_valid = value_in_cell(mesh, part, cell, place, value);
     }
     if (!is_valid) return;
     if (MAXIMUM) {

@@ -8,15 +8,22 @@
 #include "mesh_locate.glsl"
 #include "mesh_values.glsl"
 #include "mesh_places.glsl"
-#include "mesh_search.glsl"
 
 // Whether the lanes of a subgroup search together, or each on its own.
 layout(constant_id = 35) const bool TOGETHER = true;
+// Whether it must be known in which sub-mesh a cell is.
+const bool NEEDS_PARTS = true;
+
+#include "mesh_search.glsl"
 
 vec3 place;
 
 vec3 place_of(uint i) {
     return place;
+}
+
+vec3 place_of_lane(uint lane, uint i) {
+    return subgroupShuffle(place, lane);
 }
 
 vec3 forward() {
@@ -32,19 +39,23 @@ void main() {
     uint index = (gl_WorkGroupID.x * SUBGROUPS + gl_SubgroupID) * LANES + gl_SubgroupInvocationID;
     bool is_there = index < parameters.picture.x;
     place = is_there ? push.clips.quad[index].xyz : vec3(0.0);
-    Cell cell;
-    bool is_found;
-    if (TOGETHER) {
-        search(mesh, Segment(place, place, 0, 0.0, is_there ? 1 : 0));
-        uint slot = found_slot(gl_SubgroupInvocationID, 0);
-        uint part = found_part[slot];
-        cell = Cell(
-            part & PART_BITS, found[slot], CELL_DATA ? found_node[slot] : 0, (part & IS_OTHER) != 0
-        );
-        is_found = cell.primitive != NO_CELL;
-    } else {
-        is_found = is_there && locate(mesh, place, cell);
+    if (!TOGETHER) {
+        Cell cell;
+        bool is_found = is_there && locate(mesh, place, cell);
+        if (is_there) store_sample(mesh, index, place, is_found, cell);
+        return;
     }
+    search(mesh, Segment(place, place, 0, 0.0, is_there ? 1 : 0));
+    uint slot = found_slot(gl_SubgroupInvocationID, 0);
+    uint bits = found_part[slot];
+    uint node = CELL_DATA && HAS_TETS ? found_node[slot] : 0;
+    Cell cell = Cell(bits & ~IS_OTHER, found[slot], node, (bits & IS_OTHER) != 0);
+    bool is_found = cell.primitive != NO_CELL;
     if (!is_there) return;
-    store_sample(mesh, index, place, is_found, cell);
+    if (is_found && HAS_OTHERS && cell.is_other) {
+        float value = found_value[slot];
+        store_value(index, is_found, cell, is_number(value), value);
+    } else {
+        store_sample(mesh, index, place, is_found, cell);
+    }
 }

@@ -2,12 +2,13 @@
 //
 // The rays are neighbours and the blocks lie side by side: a beam, in a box along its own axes. The
 // subgroup goes through the tree once for all of them, a child a lane; then takes the cells of the
-// leaves that the beam meets, sets up one a lane (planes of tetrahedra, boxes of other cells), leaves
-// out what the beam misses, and each ray tries all that is left: which of its samples a tetrahedron
-// holds is the intersection of four half lines. Rounding is bounded, so that most samples are certain;
-// pairs of cells and samples that are not wait until there is one for each lane, then all lanes judge
-// them. Of other cells a box says which samples they may hold: a lane keeps one such cell a sample
-// until the end, when most samples have one, and only what is more than one becomes a pair at once.
+// leaves that the beam meets, sets up one a lane (planes of tetrahedra, planes around other cells),
+// leaves out what the beam misses, and each ray tries those of them that it may meet: which of its samples
+// a tetrahedron holds is the intersection of four half lines. Rounding is bounded, so that most samples
+// are certain; pairs of cells and samples that are not wait until there is one for each lane, then all
+// lanes judge them. Of other cells planes around them say which samples they may hold: of each sample the first
+// two such cells wait until the batch has been tried, and the second is judged only if the first does not
+// come before it.
 //
 // What is found does not depend on who searches along: each sample's cell is the one with the lowest
 // packed index of all that accept its place, which `f32` decides where its rounding allows and `f64`
@@ -27,11 +28,12 @@ layout(constant_id = 40) const uint LANES = 32;
 layout(constant_id = 41) const uint SUBGROUPS = 2;
 layout(local_size_x_id = 42) in;
 
-// Nodes and tetrahedra that wait, at most; a node alone can give 264 of these.
-const uint STACK = 256;
-const uint QUEUE = 272 + 2 * LANES;
-// Quads of words that a tetrahedron takes while it is tried, and a beam.
-const uint TET_QUADS = 4;
+// Nodes that wait, at most, and leaves: fewer than a batch, and those of nodes that are looked at together.
+const uint STACK = 128;
+const uint LEAVES = 2 * LANES;
+// Where the number of tetrahedra of a leaf that have been taken begins among the bits of its counts.
+const uint TAKEN_SHIFT = 8;
+// Quads of words that a beam takes.
 const uint BEAM_QUADS = 6;
 // Bound on the rounding of volumes along rays. A normal's component is a difference of products of the
 // cell's other two sides; with the way along its axis from the beam's middle and summed over the axes,
@@ -40,31 +42,40 @@ const float BEAM_ROUNDING = 256.0 / 16777216.0;
 // Slopes of volumes along rays, smaller than which none is told from; and what that takes at most.
 const float LEAST_SLOPE = 1e-30;
 const float SLOPE_ROUNDING = 1e-28;
-// Set with a pair's place in `found` where its cell is a tetrahedron.
-const uint IS_TET = 0x80000000u;
-// Set with a sub-mesh's number where `found_value` holds the value.
-const uint HAS_VALUE = 0x80000000u;
-// Set with it where there is a cell but no value in it.
-const uint IS_OTHER = 0x40000000u;
-const uint IS_VALID = 0x20000000u;
-const uint PART_BITS = 0x1fffffffu;
+// Where among a pair's bits the lane begins whose sample it is, and the one whose cell; the sample's number
+// comes before them.
+const uint LANE_SHIFT = 3;
+const uint CELL_SHIFT = 16;
+// Set with a sub-mesh's number where the cell is no tetrahedron and `found_value` holds its value; which is
+// this where it has none.
+const uint IS_OTHER = 0x80000000u;
+const uint NO_NUMBER = 0x7fc00000u;
 
 shared uint stack[SUBGROUPS * STACK];
-shared uint queue[HAS_TETS ? SUBGROUPS * QUEUE : 1];
-shared uint queue_node[CELL_DATA && HAS_TETS ? SUBGROUPS * QUEUE : 1];
-shared uvec2 others[HAS_OTHERS ? SUBGROUPS * LANES * 4 : 1];
-shared vec4 tets[SUBGROUPS * LANES * TET_QUADS];
+// Leaves with tetrahedra that wait: where their indices begin, and their counts.
+shared uint leaf_first[HAS_TETS ? SUBGROUPS * LEAVES : 1];
+shared uint leaf_counts[HAS_TETS ? SUBGROUPS * LEAVES : 1];
+shared uint leaf_node[CELL_DATA && HAS_TETS ? SUBGROUPS * LEAVES : 1];
+shared uint others[HAS_OTHERS ? SUBGROUPS * LANES * 4 : 1];
+shared uint others_node[CELL_DATA && HAS_OTHERS ? SUBGROUPS * LANES * 4 : 1];
 shared vec4 beams[SUBGROUPS * BEAM_QUADS];
-shared vec4 pair_places[SUBGROUPS * LANES * 2];
-shared uvec2 pair_cells[SUBGROUPS * LANES * 2];
+shared uint pair_bits[SUBGROUPS * LANES * 2];
+shared uint pair_cell[HAS_TETS ? SUBGROUPS * LANES * 2 : 1];
+shared uint pair_node[CELL_DATA && HAS_TETS ? SUBGROUPS * LANES * 2 : 1];
 // For each sample of each lane: primitive, sub-mesh with the bits above, node, value.
 shared uint found[SUBGROUPS * LANES * BLOCK];
-shared uint found_part[SUBGROUPS * LANES * BLOCK];
-shared uint found_node[CELL_DATA ? SUBGROUPS * LANES * BLOCK : 1];
+shared uint found_part[NEEDS_PARTS ? SUBGROUPS * LANES * BLOCK : 1];
+shared uint found_node[CELL_DATA && HAS_TETS ? SUBGROUPS * LANES * BLOCK : 1];
 shared float found_value[HAS_OTHERS ? SUBGROUPS * LANES * BLOCK : 1];
+
+// Where the rays of the lane's column and row of the subgroup's tile are along the beam's first two axes.
+vec2 ray_column;
+vec2 ray_row;
 
 // Where sample `i` of the lane's block is, in the mesh's own space.
 vec3 place_of(uint i);
+// Where a sample of another lane's is; all lanes ask together.
+vec3 place_of_lane(uint lane, uint i);
 // Where the lane's ray goes, and how it differs from its neighbours, roughly.
 vec3 forward();
 vec3 sideways();
@@ -79,49 +90,211 @@ uint found_slot(uint lane, uint i) {
 }
 
 #include "mesh_beam.glsl"
+#include "mesh_batch.glsl"
 
-// Settles the last `count` pairs that wait, one a lane.
-void judge_pairs(Mesh mesh, Submesh part, uint number, uint first, uint count) {
+// Puts pairs of samples and cells at the end of those that wait, of the lanes that have one; how many there
+// are now.
+uint wait_in_pairs(bool is_pair, uint i, uint bits, uvec2 cell, uint num_pairs) {
+    uvec4 pairs = subgroupBallot(is_pair);
+    if (is_pair) {
+        uint pair = gl_SubgroupID * LANES * 2 + num_pairs + subgroupBallotExclusiveBitCount(pairs);
+        pair_bits[pair] = bits | gl_SubgroupInvocationID << LANE_SHIFT | i;
+        if (HAS_TETS) pair_cell[pair] = cell.x;
+        if (HAS_TETS && CELL_DATA) pair_node[pair] = cell.y;
+    }
+    return num_pairs + subgroupBallotBitCount(pairs);
+}
+
+// A pair that a lane judges: number of the sample, lane whose it is, lane whose cell it is.
+uvec3 pair_at(uint pair) {
+    uint bits = pair_bits[pair];
+    return uvec3(
+        bits & (BLOCK - 1), bits >> LANE_SHIFT & (LANES - 1), bits >> CELL_SHIFT
+    );
+}
+
+// Settles the last `count` pairs of tetrahedra that wait, one a lane.
+void judge_tets(Mesh mesh, Submesh part, uint number, uint first, uint count) {
     uint lane = gl_SubgroupInvocationID;
-    uint slot = 0;
-    uvec2 cell = uvec2(NO_CELL, 0);
-    bool is_tet = HAS_TETS;
+    uint pair = gl_SubgroupID * LANES * 2 + first + min(lane, count - 1);
+    uvec3 of = pair_at(pair);
+    vec3 place = place_of_lane(of.y, of.x);
+    uint slot = found_slot(of.y, of.x);
+    uint primitive = pair_cell[pair];
+    bool is_accepted = false;
+    if (lane < count && primitive < found[slot]) {
+        uvec4 vertices;
+        vec3 corners[4];
+        tet_corners(part, primitive, vertices, corners);
+        is_accepted = tet_accepts(place, corners, mesh.slack.w);
+    }
+    if (is_accepted) atomicMin(found[slot], primitive);
+    together();
+    if (is_accepted && found[slot] == primitive) {
+        found_part[slot] = number;
+        if (CELL_DATA) found_node[slot] = pair_node[pair];
+    }
+    together();
+}
+
+// The same of other cells, of which each lane has one, with its node.
+void judge_others(Submesh part, uint number, uvec2 own, uint first, uint count) {
+    uint lane = gl_SubgroupInvocationID;
+    uvec3 of = pair_at(gl_SubgroupID * LANES * 2 + first + min(lane, count - 1));
+    vec3 place = place_of_lane(of.y, of.x);
+    uint slot = found_slot(of.y, of.x);
+    uint primitive = subgroupShuffle(own.x, of.z);
+    uint node = CELL_DATA ? subgroupShuffle(own.y, of.z) : 0;
     Other other;
     Weights weights;
     bool is_accepted = false;
-    if (lane < count) {
-        uint pair = gl_SubgroupID * LANES * 2 + first + lane;
-        vec4 place = pair_places[pair];
-        cell = pair_cells[pair];
-        is_tet = HAS_TETS && (!HAS_OTHERS || (floatBitsToUint(place.w) & IS_TET) != 0);
-        slot = floatBitsToUint(place.w) & ~IS_TET;
-        if (cell.x < found[slot]) {
-            if (is_tet) {
-                uvec4 vertices;
-                vec3 corners[4];
-                tet_corners(part, cell.x, vertices, corners);
-                is_accepted = tet_accepts(place.xyz, corners, mesh.slack.w);
-            } else if (HAS_OTHERS) {
-                other = other_at(part, cell.x >> 1);
-                is_accepted = other_accepts(part, other, place.xyz, weights);
-            }
-        }
+    if (lane < count && primitive < found[slot]) {
+        other = other_at(part, primitive >> 1);
+        is_accepted = other_accepts(part, other, place, weights);
     }
-    if (is_accepted) atomicMin(found[slot], cell.x);
+    if (is_accepted) atomicMin(found[slot], primitive);
     together();
-    if (is_accepted && found[slot] == cell.x) {
-        uint bits = number;
-        if (HAS_OTHERS && !is_tet) {
-            float value = 0.0;
-            bool is_valid = false;
-            if (!CELL_DATA) is_valid = other_value(part, other, weights, value);
-            found_value[slot] = value;
-            bits |= IS_OTHER | (CELL_DATA ? 0 : HAS_VALUE) | (is_valid ? IS_VALID : 0);
+    if (is_accepted && found[slot] == primitive) {
+        float value;
+        bool is_valid;
+        if (CELL_DATA) {
+            value = cell_value(part, node, primitive);
+            is_valid = is_number(value);
+        } else {
+            float values[8];
+            other_values(part, other, values);
+            is_valid = other_value(values, weights, value);
         }
-        found_part[slot] = bits;
+        found_value[slot] = is_valid ? value : uintBitsToFloat(NO_NUMBER);
+        if (NEEDS_PARTS) found_part[slot] = number | IS_OTHER;
+    }
+    together();
+}
+
+// Keeps a tetrahedron for some of the lane's samples that it holds for sure.
+void keep(uint number, uvec2 cell, uint sure) {
+    while (sure != 0) {
+        uint slot = found_slot(gl_SubgroupInvocationID, uint(findLSB(sure)));
+        sure &= sure - 1;
+        if (cell.x >= found[slot]) continue;
+        found[slot] = cell.x;
+        found_part[slot] = number;
         if (CELL_DATA) found_node[slot] = cell.y;
     }
+}
+
+// Takes a tetrahedron a lane from the leaves that wait: the primitive, if there is one, and its node.
+uvec2 next_tet(inout uint num_leaves, inout uint queued) {
+    uint lane = gl_SubgroupInvocationID;
+    bool is_leaf = lane < min(num_leaves, BATCH);
+    uint place = gl_SubgroupID * LEAVES + num_leaves - 1 - lane;
+    uint counts = is_leaf ? leaf_counts[place] : 0;
+    uint first = is_leaf ? leaf_first[place] : 0;
+    uint node = CELL_DATA && is_leaf ? leaf_node[place] : 0;
+    uint taken = counts >> TAKEN_SHIFT;
+    uint num_tets = leaf_tets(counts) - taken;
+    uint before = subgroupExclusiveAdd(num_tets);
+    // Each leaf sets the bit of its first lane.
+    uint starts = subgroupOr(is_leaf && before < BATCH ? 1u << before : 0);
+    uint count = min(queued, BATCH);
+    bool is_there = lane < count;
+    uint leaf = is_there ? bitCount(starts & ((2u << lane) - 1)) - 1 : 0;
+    uint own_counts = subgroupShuffle(counts, leaf);
+    uint own_first = subgroupShuffle(first, leaf);
+    uint own_node = CELL_DATA ? subgroupShuffle(node, leaf) : 0;
+    uint number = lane - subgroupShuffle(before, leaf) + (own_counts >> TAKEN_SHIFT);
+    bool is_used_up = is_leaf && before + num_tets <= count;
+    if (is_leaf && before < count && !is_used_up) {
+        leaf_counts[place] = (counts & 63u) | (taken + count - before) << TAKEN_SHIFT;
+    }
+    num_leaves -= subgroupBallotBitCount(subgroupBallot(is_used_up));
+    queued -= count;
     together();
+    uint singles = own_counts & 3u;
+    uint pair = number - singles;
+    uint primitive = number < singles
+        ? 2 * (own_first + 4 * number)
+        : 2 * (own_first + 4 * singles + 5 * (pair >> 1)) + (pair & 1u);
+    return uvec2(is_there ? primitive : NO_CELL, own_node);
+}
+
+// Bits of samples as bytes.
+uvec2 bytes_of(uint bits) {
+    return (uvec2(bits, bits >> 4) & 15u) * 0x00204081u & 0x01010101u;
+}
+
+// Tries the other cells of the batch, of which `mine` are those that the lane's ray may meet.
+void try_others(
+    Submesh part,
+    uint number,
+    uvec2 own,
+    Planes planes,
+    Segment segment,
+    vec3 start,
+    vec3 step,
+    uint open,
+    uint mine
+) {
+    // Lanes whose cells are the first and the second cell that may hold a sample, a byte each.
+    uvec2 first = uvec2(0);
+    uvec2 second = uvec2(0);
+    uint have_first = 0;
+    uint have_second = 0;
+    // Samples that are to become pairs with some cell.
+    uint left = 0;
+    uvec2 cells = uvec2(0);
+    uint num_pairs = 0;
+    // Cells are being tried; then what waits becomes pairs, first cells, then second ones.
+    uint stage = 0;
+    while (true) {
+        while (num_pairs < LANES) {
+            if (!subgroupAny(left != 0)) {
+                if (subgroupAny(mine != 0)) {
+                    uint slot = mine != 0 ? uint(findLSB(mine)) : 0;
+                    Planes around = planes_of(planes, slot);
+                    uint may = samples_of_other(around, segment, start, step, open);
+                    if (mine == 0) may = 0;
+                    mine &= mine - 1;
+                    uint fresh = may & ~have_first;
+                    first |= bytes_of(fresh) * slot;
+                    have_first |= fresh;
+                    may &= ~fresh;
+                    fresh = may & ~have_second;
+                    second |= bytes_of(fresh) * slot;
+                    have_second |= fresh;
+                    left = may & ~fresh;
+                    cells = uvec2(0x01010101u * slot);
+                    continue;
+                }
+                if (stage == 2 || (stage == 1 && num_pairs > 0)) break;
+                ++stage;
+                left = have_first;
+                cells = first;
+                if (stage == 2) {
+                    left = have_second;
+                    cells = second;
+                    [[unroll]] for (uint i = 0; i < BLOCK; ++i) {
+                        uint slot = cells[i >> 2] >> (8 * (i & 3u)) & 255u;
+                        uint primitive = subgroupShuffle(own.x, slot);
+                        if (found[found_slot(gl_SubgroupInvocationID, i)] < primitive) {
+                            left &= ~(1u << i);
+                        }
+                    }
+                }
+                continue;
+            }
+            bool is_pair = left != 0;
+            uint i = is_pair ? uint(findLSB(left)) : 0;
+            left &= left - 1;
+            uint slot = (i < 4 ? cells.x : cells.y) >> (8 * (i & 3u)) & 255u;
+            num_pairs = wait_in_pairs(is_pair, i, slot << CELL_SHIFT, uvec2(0), num_pairs);
+        }
+        if (num_pairs == 0) break;
+        together();
+        uint count = min(num_pairs, LANES);
+        num_pairs -= count;
+        judge_others(part, number, own, num_pairs, count);
+    }
 }
 
 // Searches one sub-mesh for the cells of samples that are still `open`.
@@ -131,165 +304,84 @@ void search_part(Mesh mesh, uint number, Segment segment, uint open) {
     uint octet = lane >> 3;
     uint child_number = lane & 7u;
     uint stack_base = gl_SubgroupID * STACK;
-    uint queue_base = gl_SubgroupID * QUEUE;
+    uint leaves_base = gl_SubgroupID * LEAVES;
     uint others_base = gl_SubgroupID * LANES * 4;
-    uint pairs_base = gl_SubgroupID * LANES * 2;
-    uint tets_base = gl_SubgroupID * LANES * TET_QUADS;
     vec3 start = segment.first - middle_of_beam();
     vec3 step = segment.steps > 0.0 ? (segment.last - segment.first) / segment.steps : vec3(0.0);
-    vec3 least = 1e-12 * beams[gl_SubgroupID * BEAM_QUADS + 1].xyz + 1e-37;
-    vec3 step_inverse = 1.0 / mix(step, least, lessThan(abs(step), least));
-    // Of each sample: the tetrahedron with the lowest index that holds it for sure, and another cell
-    // that may hold it, with their nodes.
-    uint best[BLOCK];
-    uint best_node[BLOCK];
-    uint other[BLOCK];
-    uint other_node[BLOCK];
-    [[unroll]] for (uint i = 0; i < BLOCK; ++i) best[i] = NO_CELL;
-    // Samples with such another cell, and those of them that have become pairs.
-    uint have = 0;
-    uint flushed = HAS_OTHERS ? 0 : BLOCK;
-    // What waits: nodes, tetrahedra, other cells, pairs; and a batch of cells that are being tried.
+    // What waits: nodes, leaves and their tetrahedra, other cells, pairs.
     uint waiting = 1;
+    uint num_leaves = 0;
     uint queued = 0;
     uint num_others = 0;
     uint num_pairs = 0;
-    uint batch = 0;
-    uint tried = 0;
-    bool is_of_tets = HAS_TETS;
-    // Samples that are left of the cell that is being tried.
+    // Tetrahedra of the batch that the lane's ray is to try; samples that are left of the one that it tries.
+    uint mine = 0;
     uint left = 0;
+    uvec2 cell = uvec2(0);
+    Tet tet;
     if (lane == 0) stack[stack_base] = 0;
     together();
     while (true) {
-        bool is_done = waiting + queued + num_others == 0 && tried == batch;
-        bool is_last = is_done && flushed == BLOCK;
-        if (num_pairs >= LANES || (is_last && num_pairs > 0)) {
+        bool is_trying = HAS_TETS && subgroupAny((mine | left) != 0);
+        bool is_drained = waiting + queued == 0 && !is_trying;
+        bool is_others_turn = HAS_OTHERS && !is_trying
+            && (num_others >= BATCH || (is_drained && num_others > 0));
+        if (HAS_TETS && num_pairs > 0 && (num_pairs >= LANES || is_drained || is_others_turn)) {
             uint count = min(num_pairs, LANES);
             num_pairs -= count;
-            judge_pairs(mesh, part, number, num_pairs, count);
+            judge_tets(mesh, part, number, num_pairs, count);
             continue;
         }
-        if (is_last) break;
-        if (tried < batch || is_done) {
-            // What is to be judged becomes pairs: of the cell that is being tried, or at the end of
-            // the other cells that lanes have kept.
-            while ((is_done ? flushed < BLOCK : tried < batch) && num_pairs < LANES) {
-                uint quad = tets_base + tried * TET_QUADS;
-                bool is_pair = false;
-                uint i = flushed;
-                uvec2 cell = uvec2(0);
-                if (HAS_OTHERS && is_done) {
-                    is_pair = (have >> flushed & 1u) != 0;
-                    [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
-                        if (k == flushed) cell = uvec2(other[k], CELL_DATA ? other_node[k] : 0);
+        if (is_trying) {
+            while (num_pairs < LANES) {
+                if (!subgroupAny(left != 0)) {
+                    if (!subgroupAny(mine != 0)) break;
+                    Tet tried = tet_of(tet, mine != 0 ? uint(findLSB(mine)) : 0);
+                    if (mine != 0) {
+                        uvec2 held = samples_of_tet(tried, segment, start, step, open);
+                        left = held.x & ~held.y;
+                        cell = uvec2(tried.primitive, tried.node);
+                        keep(number, cell, held.y);
                     }
-                    ++flushed;
-                } else {
-                    if (!subgroupAny(left != 0)) {
-                        if (HAS_TETS && (!HAS_OTHERS || is_of_tets)) {
-                            uvec2 held = samples_of_tet(tried, segment, start, step, open);
-                            left = held.x & ~held.y;
-                            vec2 rest = tets[quad + 3].zw;
-                            uint primitive = floatBitsToUint(rest.x);
-                            [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
-                                bool is_held = (held.y >> k & 1u) != 0;
-                                if (CELL_DATA && is_held && primitive < best[k]) {
-                                    best_node[k] = floatBitsToUint(rest.y);
-                                }
-                                if (is_held) best[k] = min(best[k], primitive);
-                            }
-                        } else {
-                            uint may = samples_of_box(tried, segment, start, step_inverse, open);
-                            left = may & have;
-                            uint fresh = may & ~have;
-                            have |= fresh;
-                            uint primitive = floatBitsToUint(tets[quad].w);
-                            [[unroll]] for (uint k = 0; k < BLOCK; ++k) {
-                                if ((fresh >> k & 1u) != 0) {
-                                    other[k] = primitive;
-                                    if (CELL_DATA) other_node[k] = floatBitsToUint(tets[quad + 1].w);
-                                }
-                            }
-                        }
-                        if (!subgroupAny(left != 0)) {
-                            ++tried;
-                            continue;
-                        }
-                    }
-                    is_pair = left != 0;
-                    i = is_pair ? uint(findLSB(left)) : 0;
-                    left &= left - 1;
-                    cell = is_of_tets
-                        ? floatBitsToUint(tets[quad + 3].zw)
-                        : uvec2(floatBitsToUint(tets[quad].w), floatBitsToUint(tets[quad + 1].w));
-                    if (!subgroupAny(left != 0)) ++tried;
+                    mine &= mine - 1;
+                    continue;
                 }
-                uvec4 pairs = subgroupBallot(is_pair);
-                if (is_pair) {
-                    uint pair = pairs_base + num_pairs + subgroupBallotExclusiveBitCount(pairs);
-                    uint bits = found_slot(lane, i) | (!is_done && is_of_tets ? IS_TET : 0);
-                    pair_places[pair] = vec4(place_of(i), uintBitsToFloat(bits));
-                    pair_cells[pair] = cell;
-                }
-                num_pairs += subgroupBallotBitCount(pairs);
+                bool is_pair = left != 0;
+                uint i = is_pair ? uint(findLSB(left)) : 0;
+                left &= left - 1;
+                num_pairs = wait_in_pairs(is_pair, i, 0, cell, num_pairs);
             }
             together();
             continue;
         }
-        if (HAS_TETS && (queued >= LANES || (waiting == 0 && queued > 0))) {
-            uint count = min(queued, LANES);
-            queued -= count;
-            vec4 quads[TET_QUADS];
+        if (HAS_TETS && (queued >= BATCH || (waiting == 0 && queued > 0))) {
+            uvec2 waited = next_tet(num_leaves, queued);
+            vec4 range = vec4(0.0);
             bool is_met = false;
-            if (lane < count) {
-                uint primitive = queue[queue_base + queued + lane];
-                is_met = set_up_tet(mesh, part, primitive, quads);
-                if (CELL_DATA) quads[3].w = uintBitsToFloat(queue_node[queue_base + queued + lane]);
-            }
-            uvec4 met = subgroupBallot(is_met);
-            if (is_met) {
-                uint quad = tets_base + subgroupBallotExclusiveBitCount(met) * TET_QUADS;
-                for (uint q = 0; q < TET_QUADS; ++q) tets[quad + q] = quads[q];
-            }
-            batch = subgroupBallotBitCount(met);
-            tried = 0;
-            is_of_tets = true;
-            together();
+            if (waited.x != NO_CELL) is_met = set_up_tet(mesh, part, waited.x, tet, range);
+            tet.node = waited.y;
+            mine = cells_of_ray(is_met, range);
+            if (open == 0) mine = 0;
             continue;
         }
-        if (HAS_OTHERS && (num_others >= LANES || (waiting == 0 && num_others > 0))) {
-            uint count = min(num_others, LANES);
+        if (is_others_turn) {
+            uint count = min(num_others, BATCH);
             num_others -= count;
+            vec4 range = vec4(0.0);
             bool is_met = false;
-            vec3 lo = vec3(LARGEST);
-            vec3 hi = vec3(-LARGEST);
-            uvec2 cell = uvec2(0);
+            uvec2 own = uvec2(0);
+            Planes planes;
             if (lane < count) {
-                Beam beam = this_beam();
-                cell = others[others_base + num_others + lane];
-                Other other = other_at(part, cell.x >> 1);
-                for (uint k = 0; k < 8; ++k) {
-                    vec3 corner = vertex_at(part, other.vertices[k]);
-                    lo = min(lo, corner);
-                    hi = max(hi, corner);
-                }
-                is_met = meets(beam, lo, hi);
-                lo = (lo - beam.middle) - 2.0 * mesh.slack.xyz;
-                hi = (hi - beam.middle) + 2.0 * mesh.slack.xyz;
+                uint place = others_base + num_others + lane;
+                own = uvec2(others[place], CELL_DATA ? others_node[place] : 0);
+                is_met = set_up_other(mesh, part, own.x, planes, range);
             }
-            uvec4 met = subgroupBallot(is_met);
-            if (is_met) {
-                uint quad = tets_base + subgroupBallotExclusiveBitCount(met) * TET_QUADS;
-                tets[quad] = vec4(lo, uintBitsToFloat(cell.x));
-                tets[quad + 1] = vec4(hi, uintBitsToFloat(cell.y));
-            }
-            batch = subgroupBallotBitCount(met);
-            tried = 0;
-            is_of_tets = false;
-            together();
+            uint met = cells_of_ray(is_met, range);
+            if (open == 0) met = 0;
+            try_others(part, number, own, planes, segment, start, step, open, met);
             continue;
         }
+        if (waiting == 0) break;
         // A child a lane, of as many nodes as there are octets.
         uint take = min(waiting, LANES / 8);
         if (waiting + LANES > STACK) take = 1;
@@ -324,52 +416,38 @@ void search_part(Mesh mesh, uint number, Segment segment, uint open) {
         uint words_before = subgroupExclusiveAdd(words);
         first_index += words_before - subgroupShuffle(words_before, lane & ~7u);
         bool is_leaf = is_hit && child.counts != 0;
-        uint num_tets = HAS_TETS && is_leaf ? leaf_tets(child.counts) : 0;
-        uint tets_before = subgroupExclusiveAdd(num_tets);
-        // Nodes whose cells find no room wait a little longer; the first always finds some.
-        uint tets_of_octets = subgroupShuffle(tets_before + num_tets, lane | 7u);
-        bool has_room = queued + tets_of_octets <= QUEUE;
-        is_hit = is_hit && has_room;
-        is_leaf = is_leaf && has_room;
-        bool is_put_back = is_there && !has_room && child_number == 0;
-        bool is_pushed = is_put_back || (is_hit && child.is_inner);
+        bool is_pushed = is_hit && child.is_inner;
         uvec4 pushed = subgroupBallot(is_pushed);
         if (is_pushed) {
             uint place = waiting + subgroupBallotExclusiveBitCount(pushed);
-            if (place < STACK) stack[stack_base + place] = is_put_back ? node : below;
+            if (place < STACK) stack[stack_base + place] = below;
             else mesh.overflow = 1;
         }
         waiting = min(waiting + subgroupBallotBitCount(pushed), STACK);
         uint singles = child.counts & 3u;
-        if (is_leaf) {
-            uint place = queue_base + queued + tets_before;
-            for (uint i = 0; i < num_tets; ++i) {
-                uint pair = i - singles;
-                queue[place + i] = i < singles
-                    ? 2 * (first_index + 4 * i)
-                    : 2 * (first_index + 4 * singles + 5 * (pair >> 1)) + (pair & 1u);
-                if (CELL_DATA) queue_node[place + i] = node;
+        if (HAS_TETS) {
+            uint num_tets = is_leaf ? leaf_tets(child.counts) : 0;
+            uvec4 kept = subgroupBallot(num_tets > 0);
+            if (num_tets > 0) {
+                uint place = leaves_base + num_leaves + subgroupBallotExclusiveBitCount(kept);
+                leaf_first[place] = first_index;
+                leaf_counts[place] = child.counts & 63u;
+                if (CELL_DATA) leaf_node[place] = node;
             }
+            num_leaves += subgroupBallotBitCount(kept);
+            queued += subgroupAdd(num_tets);
         }
-        queued += subgroupMax(has_room ? tets_before + num_tets : 0);
         if (HAS_OTHERS && (part.kinds & HOLDS_OTHERS) != 0) {
             uint count = is_leaf ? child.counts >> 6 : 0;
             uint place = num_others + subgroupExclusiveAdd(count);
             first_index += 4 * singles + 5 * (child.counts >> 2 & 15u);
             for (uint i = 0; i < count; ++i) {
-                others[others_base + place + i] = uvec2(2 * (first_index + 8 * i), node);
+                others[others_base + place + i] = 2 * (first_index + 8 * i);
+                if (CELL_DATA) others_node[others_base + place + i] = node;
             }
             num_others += subgroupAdd(count);
         }
         together();
-    }
-    [[unroll]] for (uint i = 0; i < BLOCK; ++i) {
-        uint slot = found_slot(lane, i);
-        if (HAS_TETS && best[i] < found[slot]) {
-            found[slot] = best[i];
-            found_part[slot] = number;
-            if (CELL_DATA) found_node[slot] = best_node[i];
-        }
     }
 }
 

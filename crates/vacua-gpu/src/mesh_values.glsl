@@ -36,14 +36,16 @@ bool tet_value(Mesh mesh, Submesh part, uint primitive, vec3 place, out float va
     return m.is_valid;
 }
 
+// Values at the corners of another cell; past its own that of the last one, which has no weight there.
+void other_values(Submesh part, Other other, out float values[8]) {
+    [[unroll]] for (uint k = 0; k < 8; ++k) values[k] = stored_value(part, other.vertices[k]);
+}
+
 // The value in another cell, from the weights of its corners; false if there is none.
-bool other_value(Submesh part, Other other, Weights weights, out float value) {
-    Mixture m = mixture(stored_value(part, other.vertices[0]));
-    uint corners = num_corners(other.kind);
-    for (uint k = 1; k < 8; ++k) {
-        if (k >= corners) break;
-        float weight = k < 4 ? weights.low[k] : weights.high[k - 4];
-        mix_in(m, stored_value(part, other.vertices[k]), weight);
+bool other_value(float values[8], Weights weights, out float value) {
+    Mixture m = mixture(values[0]);
+    [[unroll]] for (uint k = 1; k < 8; ++k) {
+        mix_in(m, values[k], k < 4 ? weights.low[k] : weights.high[k - 4]);
     }
     value = clamp(m.sum, m.lo, m.hi);
     return m.is_valid;
@@ -61,7 +63,9 @@ bool value_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place, out float val
     Other other = other_of(part, cell.primitive);
     Weights weights;
     other_accepts(part, other, place, weights);
-    return other_value(part, other, weights, value);
+    float values[8];
+    other_values(part, other, values);
+    return other_value(values, weights, value);
 }
 
 // How the weight of a corner changes with each local coordinate, from the weights of all.

@@ -13,14 +13,19 @@ use super::pipelines::Special;
 use super::submit::Marcher;
 use super::{GpuRenderer, Tables};
 use crate::error::GpuError;
-use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
+use crate::mesh::{BEAM_QUADS, DeviceMesh, MeshBytes, MeshHeader, STACK, mesh_constant};
 use crate::reference::{Held, MeshReference};
 use crate::shaders;
 use crate::shared::{Parameters, Push, constant, words};
-use crate::vulkan::{Buffer, ComputePipeline, Constant, DeviceKind, Layout, Place, Recorder};
+use crate::vulkan::{
+    Buffer, ComputePipeline, Constant, DeviceInfo, DeviceKind, Layout, Place, Recorder,
+};
 
 /// Places a row, where rays find the cells of many.
 const LAUNCH_WIDTH: u32 = 1 << 12;
+
+/// Subgroups of 32 lanes in a workgroup that is to keep down what registers each gets.
+const MANY_SUBGROUPS: u32 = 12;
 
 /// A compute shader over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -76,14 +81,18 @@ impl Subgroups {
     /// Least lanes that search together: the children of a node.
     const LEAST: u32 = 8;
 
-    fn new(lanes: u32, kind: DeviceKind, together: bool, has_others: bool) -> Self {
-        // As many as have room in the 32 KiB of shared memory that every device should have. Mesa's
-        // lavapipe has all subgroups of a workgroup wait where one does; so do those that invert maps,
-        // by 14 % on an H100, while tetrahedra were 5 % slower with one.
-        let count = match (kind, lanes) {
+    fn new(info: &DeviceInfo, lanes: u32, together: bool, has_others: bool, bytes: u32) -> Self {
+        // Mesa's lavapipe has all subgroups of a workgroup wait where one does. Elsewhere the shared memory
+        // that every device should have is enough for four that look for tetrahedra. Where maps are
+        // inverted, an H100's driver gives each lane 255 registers, and so runs 8 subgroups at a time;
+        // workgroups of 12 have it make do with 168, 7 % faster.
+        let has_room = info.max_shared_bytes >= MANY_SUBGROUPS * bytes
+            && info.max_invocations >= MANY_SUBGROUPS * lanes;
+        let count = match (info.kind, lanes) {
             (DeviceKind::Cpu, _) => 1,
+            (_, 32) if has_others && has_room => MANY_SUBGROUPS,
+            (_, 0..=32) if !has_others => 4,
             (_, 0..=8) => 4,
-            (_, 9..=32) if !has_others => 2,
             _ => 1,
         };
         Self {
@@ -170,17 +179,16 @@ impl GpuRenderer {
         self.forget();
     }
 
-    pub(super) fn subgroups(&self) -> Result<Subgroups, GpuError> {
+    /// How subgroups search; `needs_parts` if it must be known in which sub-mesh a cell other than a
+    /// tetrahedron is.
+    pub(super) fn subgroups(&self, needs_parts: bool) -> Result<Subgroups, GpuError> {
         match self.device.info().subgroup_lanes {
             Some(lanes) => {
-                let kind = self.device.info().kind;
-                let has_others = self.mesh.as_ref().is_some_and(DeviceMesh::has_others);
-                Ok(Subgroups::new(
-                    lanes,
-                    kind,
-                    self.options.together,
-                    has_others,
-                ))
+                let mesh = self.mesh.as_ref();
+                let has_others = mesh.is_some_and(DeviceMesh::has_others);
+                let bytes = mesh.map_or(0, |m| m.shared_bytes(lanes, needs_parts));
+                let (info, together) = (self.device.info(), self.options.together);
+                Ok(Subgroups::new(info, lanes, together, has_others, bytes))
             }
             None => Err(GpuError::Unsupported {
                 what: "a mesh (no ballots among lanes)".to_owned(),
@@ -196,7 +204,7 @@ impl GpuRenderer {
         scale: ValueScale,
         cells: PackedCells,
     ) -> Result<(), GpuError> {
-        self.subgroups()?;
+        self.subgroups(true)?;
         self.check_variant(&cells)?;
         if cells.mesh().num_cells() == 0 {
             return Err(GpuError::Unsupported {
@@ -286,7 +294,7 @@ impl GpuRenderer {
     /// # Errors
     /// What the driver says; that cells are found by rays where there are no ray tracing pipelines.
     pub fn sample_mesh(&mut self, places: &[[f32; 3]]) -> Result<Vec<MeshSample>, GpuError> {
-        let subgroups = self.subgroups()?;
+        let subgroups = self.subgroups(true)?;
         let Some(mesh) = &self.mesh else {
             return Ok(Vec::new());
         };
@@ -352,7 +360,7 @@ impl GpuRenderer {
 
     /// What makes pictures of the mesh.
     pub(super) fn mesh_marcher(&mut self, special: Special) -> Result<Marcher, GpuError> {
-        let subgroups = self.subgroups()?;
+        let subgroups = self.subgroups(special[constant::SHADED as usize] != 0)?;
         let Some(mesh) = &self.mesh else {
             return Err(self.unsupported("no mesh"));
         };
@@ -379,6 +387,22 @@ impl GpuRenderer {
 }
 
 impl DeviceMesh {
+    /// Bytes of shared memory that a subgroup searches with; as in `mesh_search.glsl`.
+    fn shared_bytes(&self, lanes: u32, needs_parts: bool) -> u32 {
+        const BLOCK: u32 = 8;
+        let [tets, ..] = self.cells.mesh().num_cells_by_type();
+        let is_cell_data = self.cells.field().association() == Association::Cell;
+        let when = |is_so: bool, words: u32| if is_so { words } else { 0 };
+        let of_tets = 6 + when(is_cell_data, 4 + BLOCK);
+        let of_others = 4 + BLOCK + when(is_cell_data, 4);
+        let a_lane = 2
+            + BLOCK
+            + when(tets > 0, of_tets)
+            + when(self.has_others(), of_others)
+            + when(tets > 0 || needs_parts, BLOCK);
+        4 * (STACK + 4 * BEAM_QUADS + a_lane * lanes)
+    }
+
     /// Whether there are other cells than tetrahedra.
     fn has_others(&self) -> bool {
         let [_, others @ ..] = self.cells.mesh().num_cells_by_type();

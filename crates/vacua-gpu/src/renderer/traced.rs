@@ -133,7 +133,7 @@ impl GpuRenderer {
         let fill = self.mesh_pipelines.get(
             &self.layout,
             MeshShader::Boxes,
-            constants(mesh, self.subgroups()?),
+            constants(mesh, self.subgroups(true)?),
         )?;
         let push = Push {
             planes: mesh.header.address(),

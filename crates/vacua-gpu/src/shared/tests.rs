@@ -7,7 +7,9 @@ use rspirv::dr::{Instruction, Loader, Module, Operand};
 use rspirv::spirv::{Decoration, Op};
 
 use super::*;
-use crate::mesh::{DeviceSubmesh, GROUP_PARTS, MeshHeader, ValueType, kinds, mesh_constant};
+use crate::mesh::{
+    BEAM_QUADS, DeviceSubmesh, GROUP_PARTS, MeshHeader, STACK, ValueType, kinds, mesh_constant,
+};
 use crate::reference::{Held, MIXED};
 use crate::shaders::ALL;
 
@@ -221,7 +223,10 @@ fn both_sides_agree_on_meshes() {
     }
     assert_eq!(seen, 8, "shaders over meshes");
     assert_eq!(size_of::<DeviceSubmesh>(), 128, "as an array has them");
-    let text = include_str!("../mesh.glsl");
+    let text = concat!(
+        include_str!("../mesh.glsl"),
+        include_str!("../mesh_search.glsl")
+    );
     let number = |name: &str| {
         let at = text.find(&format!("{name} = ")).expect("it is there");
         let rest = &text[at + name.len() + 3..];
@@ -235,6 +240,8 @@ fn both_sides_agree_on_meshes() {
         ("NODE_WORDS", size_of::<vacua_pack::layout::MultiNode>() / 4),
         ("LEAF_WORDS", size_of::<vacua_pack::layout::MultiLeaf>() / 4),
         ("GROUP_PARTS", GROUP_PARTS),
+        ("STACK", STACK as usize),
+        ("BEAM_QUADS", BEAM_QUADS as usize),
         ("HAS_MARKER", kinds::MARKER as usize),
         ("HOLDS_OTHERS", kinds::OTHERS as usize),
         ("VALUE_F32", ValueType::F32 as usize),
@@ -257,7 +264,6 @@ fn both_sides_agree_on_meshes() {
     }
     let all = [
         text,
-        include_str!("../mesh_search.glsl"),
         include_str!("../mesh_march.comp"),
         include_str!("../mesh_launch.glsl"),
     ]

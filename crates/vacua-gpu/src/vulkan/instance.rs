@@ -83,6 +83,9 @@ pub struct DeviceInfo {
     /// Nanoseconds a tick of its clock.
     pub(crate) tick_nanos: f32,
     pub(crate) max_side: u32,
+    /// Bytes of shared memory, and invocations, that a workgroup may have.
+    pub(crate) max_shared_bytes: u32,
+    pub(crate) max_invocations: u32,
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
     pub(crate) ray_tracing: Option<RayTracing>,
@@ -371,6 +374,11 @@ impl Instance {
             queue_family: family.map_or(0, |(index, _)| index as u32),
             tick_nanos: base.limits.timestamp_period,
             max_side: base.limits.max_image_dimension2_d,
+            max_shared_bytes: base.limits.max_compute_shared_memory_size,
+            max_invocations: base
+                .limits
+                .max_compute_work_group_invocations
+                .min(base.limits.max_compute_work_group_size[0]),
             max_allocation_bytes: limits_11.max_memory_allocation_size,
             has_budget,
             subgroup_lanes: limits_11
