@@ -23,7 +23,7 @@ const fn target(name: &'static str, file: &'static str) -> Target {
 
 /// All targets. Formats that need a second file (`.nhdr`, `.mhd`, `.pvt*`) share the parsers of
 /// those that do not.
-pub const TARGETS: [Target; 17] = [
+pub const TARGETS: [Target; 18] = [
     target("vti", "fuzz.vti"),
     target("vtr", "fuzz.vtr"),
     target("vts", "fuzz.vts"),
@@ -39,6 +39,7 @@ pub const TARGETS: [Target; 17] = [
     target("nii", "fuzz.nii"),
     target("nii_gz", "fuzz.nii.gz"),
     target("npy", "fuzz.npy"),
+    target("tiff", "fuzz.tif"),
     target("raw", "fuzz_4x3x5_uint16.raw"),
     target(PACKED, "fuzz.vacua"),
 ];

@@ -25,6 +25,7 @@ mod raw;
 mod registry;
 mod save;
 mod source;
+mod tiff;
 pub mod transfer_json;
 pub mod vtk;
 mod xdmf;

@@ -149,7 +149,7 @@ fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
 }
 
 /// Half to single precision; the bits come as `u16` in native order.
-fn widen(halves: &DataArray) -> Result<DataArray, Problem> {
+pub(crate) fn widen(halves: &DataArray) -> Result<DataArray, Problem> {
     let bits = halves.as_slice::<u16>().unwrap_or_default();
     let halves_f16: &[f16] = half::slice::HalfBitsSliceExt::reinterpret_cast(bits);
     let mut wide = vec![0f32; bits.len()];

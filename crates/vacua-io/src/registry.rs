@@ -21,11 +21,11 @@ pub struct ReadOptions {
     pub components: Option<usize>,
     /// Bytes to skip at the start of a raw file.
     pub header_bytes: Option<usize>,
-    /// Spacing of a grid that has none of its own (raw, npy).
+    /// Spacing of a grid that has none of its own (raw, npy, tiff).
     pub spacing: Option<[f64; 3]>,
     /// Time step of a file that has several, from 0; the first if not said.
     pub step: Option<usize>,
-    /// Origin of a grid that has none of its own (raw, npy).
+    /// Origin of a grid that has none of its own (raw, npy, tiff).
     pub origin: Option<[f64; 3]>,
 }
 
@@ -54,6 +54,7 @@ pub fn formats() -> &'static [Format] {
         crate::metaimage::FORMAT,
         crate::nifti::FORMAT,
         crate::npy::FORMAT,
+        crate::tiff::FORMAT,
         crate::raw::FORMAT,
     ]
 }

@@ -1,6 +1,6 @@
 //! Damaged voxel files: never a panic, never more memory than the file's size warrants.
 //!
-//! Every small file in `data/voxels` is damaged a fixed number of times from a fixed seed, opened,
+//! Every small file in `data/voxels` and `data/tiff` is damaged a fixed number of times from a fixed seed, opened,
 //! and its fields loaded. An allocator that watches sizes is the witness for memory.
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -153,9 +153,10 @@ fn read(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> bool {
 
 #[test]
 fn damaged_files_are_errors() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/voxels");
-    let mut paths: Vec<_> = std::fs::read_dir(&folder)
-        .expect("beside the tests")
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let mut paths: Vec<_> = ["voxels", "tiff"]
+        .iter()
+        .flat_map(|folder| std::fs::read_dir(data.join(folder)).expect("beside the tests"))
         .map(|entry| entry.expect("listable").path())
         .collect();
     paths.sort();
@@ -207,7 +208,7 @@ fn damaged_files_are_errors() {
             );
         }
     }
-    for name in ["NRRD", "MetaImage", "NIfTI", "NumPy", "raw"] {
+    for name in ["NRRD", "MetaImage", "NIfTI", "NumPy", "TIFF", "raw"] {
         let (all, good) = count.get(name).copied().unwrap_or_default();
         assert!(all >= 200, "{name}: only {all} mutations");
         assert!(good < all, "{name}: no mutation was noticed");
