@@ -35,5 +35,6 @@ pub use error::{IoError, Problem};
 pub use registry::{Format, ReadOptions, formats, open, open_source, open_with};
 pub use save::{Saved, WriteOptions, save};
 pub use source::Source;
+pub use tiff::open_stack;
 
 pub use vacua_volume::Dataset;

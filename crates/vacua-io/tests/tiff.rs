@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use vacua_io::{Dataset, IoError, ReadOptions, Source, open, open_source, open_with};
+use vacua_io::{Dataset, IoError, ReadOptions, Source, open, open_source, open_stack, open_with};
 use vacua_volume::{DataArray, FieldChoice, Geometry, ScalarType, UniformGrid};
 
 fn data(name: &str) -> PathBuf {
@@ -137,6 +137,50 @@ fn what_makes_no_volume_is_refused() {
         for part in parts {
             assert!(error.contains(part), "{name}: {error}");
         }
+    }
+}
+
+#[test]
+fn files_of_one_page_make_a_stack() {
+    let whole = open(data("big_strips.tif")).expect("readable");
+    let options = ReadOptions {
+        spacing: Some([1.0, 1.0, 2.5]),
+        ..ReadOptions::default()
+    };
+    let paths: Vec<PathBuf> = (0..4).map(|i| data(&format!("slice_{i}.tif"))).collect();
+    let stack = open_stack(&paths, &options)
+        .expect("readable")
+        .expect("pages");
+    assert_eq!(grid(&stack).points(), grid(&whole).points());
+    assert_eq!(grid(&stack).spacing(), DVec3::new(1.0, 1.0, 2.5));
+    let values = |dataset: &Dataset| dataset.fields()[0].load().expect("whole").clone();
+    assert_eq!(
+        values(&stack).as_slice::<u16>(),
+        values(&whole).as_slice::<u16>()
+    );
+
+    let other = [paths[0].clone(), data("flat.tif")];
+    let error = open_stack(&other, &options)
+        .expect_err("another size")
+        .to_string();
+    assert!(
+        error.contains("flat.tif: page 1: expected 6 × 9"),
+        "{error}"
+    );
+    let more = [paths[0].clone(), data("signed.tif")];
+    let error = open_stack(&more, &options)
+        .expect_err("a stack")
+        .to_string();
+    assert!(
+        error.contains("signed.tif: the file: expected one page"),
+        "{error}"
+    );
+    for several in ["signed.tif", "imagej_one_directory.tif", "expected.tsv"] {
+        let files = [data(several), data(several)];
+        assert!(
+            open_stack(&files, &options).expect("not ours").is_none(),
+            "{several}"
+        );
     }
 }
 

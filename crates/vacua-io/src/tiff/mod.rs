@@ -18,6 +18,7 @@ mod directory;
 mod imagej;
 mod ome;
 mod page;
+mod series;
 mod slices;
 mod unpack;
 
@@ -34,6 +35,8 @@ use arrangement::Arrangement;
 use directory::{Container, Directory, is_tiff, tag};
 use page::{Page, Places, is_copy};
 use slices::{Slice, Slices};
+
+pub use series::open_stack;
 
 /// The TIFF format.
 pub(crate) const FORMAT: Format = Format {
@@ -166,11 +169,12 @@ fn assemble(
     let first = &all[0].page;
     for slice in &all {
         if slice.page.shape != first.shape {
-            return Err(Problem::malformed(
+            let problem = Problem::malformed(
                 format!("page {}", slice.page.number),
                 format!("{} as on page {}", first.shape, first.number),
                 slice.page.shape.to_string(),
-            ));
+            );
+            return Err(slice.blame(&all[0], problem));
         }
     }
     let [width, height] = first.shape.size;

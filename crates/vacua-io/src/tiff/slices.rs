@@ -20,6 +20,16 @@ pub(super) struct Slice {
     pub page: Page,
 }
 
+impl Slice {
+    /// Says which file has a problem, if it is not the one of the first slice.
+    pub fn blame(&self, first: &Self, problem: Problem) -> Problem {
+        if Arc::ptr_eq(&self.container, &first.container) {
+            return problem;
+        }
+        Problem::part(problem.in_file(self.container.source.path()))
+    }
+}
+
 /// The pages of one volume, all of one shape, at least one.
 pub(super) struct Slices(Vec<Slice>);
 
@@ -105,7 +115,10 @@ impl Slices {
                 bytes
                     .par_chunks_exact_mut(page_bytes)
                     .zip(&self.0)
-                    .try_for_each(|(to, slice)| unpack(&slice.page, &slice.container, to))
+                    .try_for_each(|(to, slice)| {
+                        unpack(&slice.page, &slice.container, to)
+                            .map_err(|problem| slice.blame(&self.0[0], problem))
+                    })
             })?,
         };
         if self.0[0].page.shape.is_half {

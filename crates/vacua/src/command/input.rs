@@ -10,7 +10,8 @@ use super::{Failure, Wrong, output, packed, values};
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
 pub struct InputArgs {
-    /// The data: a file, several (time steps), a pattern in quotes, or a ParaView .series or .pvd
+    /// The data: a file, several (time steps; TIFF files of one page make a stack), a pattern in
+    /// quotes, or a ParaView .series or .pvd
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
     /// Time step: its time where the series has times, or its number from 0 (`#1` where both could be
@@ -109,6 +110,10 @@ impl InputArgs {
         if let [alone] = steps.as_slice() {
             return self.open_steps_of(&alone.path, options);
         }
+        if let Some(opened) = open_stack(&steps, &options)? {
+            choose(&[None], self.time.as_deref())?;
+            return Ok(opened);
+        }
         let times: Vec<Option<f64>> = steps.iter().map(|s| s.time).collect();
         let step = choose(&times, self.time.as_deref())?;
         let path = steps[step].path.clone();
@@ -135,6 +140,9 @@ impl InputArgs {
         }
         let num_steps = steps.len();
         let mut options = self.raw.read_options();
+        if let Some(opened) = open_stack(&steps, &options)?.filter(|_| step == 0) {
+            return Ok(opened);
+        }
         let path = match steps.as_slice() {
             [alone] => {
                 options.step = Some(step);
@@ -179,6 +187,16 @@ impl Opened {
             step,
         }
     }
+}
+
+/// Opens several files that are the slices of one volume rather than steps.
+fn open_stack(steps: &[Step], options: &ReadOptions) -> Result<Option<Opened>, Failure> {
+    if steps.len() < 2 || steps.iter().any(|step| step.time.is_some()) {
+        return Ok(None);
+    }
+    let paths: Vec<PathBuf> = steps.iter().map(|step| step.path.clone()).collect();
+    let dataset = vacua_io::open_stack(&paths, options)?;
+    Ok(dataset.map(|dataset| Opened::new(dataset, paths[0].clone(), 1, 0)))
 }
 
 /// Opens a file that is no `.vacua` file.

@@ -140,6 +140,12 @@ with tifffile.TiffWriter("thumbnails.tif") as writer:
         writer.write(np.ascontiguousarray(page[::2, ::2]), contiguous=False, subfiletype=1, **plain)
 expect("thumbnails.tif", array)
 
+# One page a file: together the big-endian stack, the second file compressed.
+with tifffile.TiffFile("big_strips.tif") as file:
+    for i, page in enumerate(file.asarray()):
+        options = {"compression": "lzw"} if i == 1 else {"byteorder": ">"}
+        tifffile.imwrite(f"slice_{i}.tif", page, **plain, **options)
+
 # What must be refused.
 with tifffile.TiffWriter("other_size.tif") as writer:
     for shape in [(5, 6), (5, 6), (6, 5)]:
