@@ -54,27 +54,32 @@ pub(crate) const FORMAT: Format = Format {
 fn read(source: &Source, options: &ReadOptions) -> Result<Dataset, Problem> {
     let (container, first) = Container::open(source)?;
     let mut directories = container.directories(first)?;
-    let num_all = directories.len();
-    directories.retain(|directory| !is_copy(&container, directory));
-    let num_copies = num_all - directories.len();
-    if num_copies > 0 {
-        tracing::info!(
-            path = %source.path().display(),
-            "{num_copies} pages that are smaller copies or masks were left out"
-        );
-    }
-    let Some(first) = directories.first() else {
+    let is_page = |directory: &Directory| !is_copy(&container, directory);
+    let Some(first) = directories.iter().find(|directory| is_page(directory)) else {
         return Err(Problem::malformed("the file", "pages", "none"));
     };
+    let description = first.text(&container, tag::DESCRIPTION).unwrap_or_default();
+    let samples = first.number(&container, tag::SAMPLES_PER_PIXEL);
+    let is_ome = ome::is_ome(&description);
+    // OME-XML counts all pages.
+    if !is_ome {
+        let num_all = directories.len();
+        directories.retain(is_page);
+        let num_copies = num_all - directories.len();
+        if num_copies > 0 {
+            tracing::info!(
+                path = %source.path().display(),
+                "{num_copies} pages that are smaller copies or masks were left out"
+            );
+        }
+    }
     let container = Arc::new(container);
     let mut budget = source.len() as u64;
-    let description = first.text(&container, tag::DESCRIPTION).unwrap_or_default();
     if imagej::is_imagej(&description) {
         return read_imagej(&container, &directories, &description, options);
     }
-    let arrangement = if ome::is_ome(&description) {
-        let samples = first.number(&container, tag::SAMPLES_PER_PIXEL)?;
-        let samples = samples.and_then(|n| usize::try_from(n).ok()).unwrap_or(1);
+    let arrangement = if is_ome {
+        let samples = samples?.and_then(|n| usize::try_from(n).ok()).unwrap_or(1);
         ome::arrange(
             &description,
             source.path(),
@@ -126,7 +131,15 @@ fn pages_without_directories(
     first: &Page,
     num_images: usize,
 ) -> Result<Vec<Page>, Problem> {
+    /// Images that may be described whatever the size of the file.
+    const FEW_IMAGES: usize = 1 << 14;
     let page_bytes = first.shape.len_bytes().unwrap_or(usize::MAX);
+    // What describes the images must not take more memory than they.
+    if num_images > FEW_IMAGES && page_bytes < size_of::<Page>() {
+        return Err(Problem::unsupported(format!(
+            "a stack of {num_images} images of {page_bytes} bytes"
+        )));
+    }
     let at = first.run_at.ok_or_else(|| {
         Problem::malformed(
             "ImageJ's `images`",
