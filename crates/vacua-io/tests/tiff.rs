@@ -2,34 +2,19 @@
 //!
 //! `data/tiff/make.py` says how the files came about and what `expected.tsv` holds.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
+use common::{grid, sums};
 use glam::{DMat3, DVec3};
 use vacua_io::{Dataset, IoError, ReadOptions, Source, open, open_source, open_stack, open_with};
-use vacua_volume::{DataArray, FieldChoice, Geometry, ScalarType, UniformGrid};
+use vacua_volume::{FieldChoice, ScalarType};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/data/tiff")
         .join(name)
-}
-
-fn grid(dataset: &Dataset) -> &UniformGrid {
-    match &**dataset.geometry() {
-        Geometry::Uniform(grid) => grid,
-        other => panic!("a uniform grid, not {}", other.kind()),
-    }
-}
-
-/// The two sums of `expected.tsv`.
-fn sums(values: &DataArray) -> [f64; 2] {
-    let mut sums = [0.0; 2];
-    for i in 0..values.tuples() * values.components() {
-        let v = values.get_f64(i / values.components(), i % values.components());
-        sums[0] += v;
-        sums[1] += v * (i % 97 + 1) as f64;
-    }
-    sums
 }
 
 #[test]

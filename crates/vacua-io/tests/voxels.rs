@@ -2,8 +2,11 @@
 //!
 //! `data/voxels/make.py` says how the files came about and what `expected.tsv` holds.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
+use common::{grid, sums};
 use glam::{DAffine3, DMat3, DVec3};
 use vacua_io::{Dataset, ReadOptions, Source, WriteOptions, open, open_source, open_with, save};
 use vacua_volume::{
@@ -15,24 +18,6 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/data/voxels")
         .join(name)
-}
-
-fn grid(dataset: &Dataset) -> &UniformGrid {
-    match &**dataset.geometry() {
-        Geometry::Uniform(grid) => grid,
-        other => panic!("a uniform grid, not {}", other.kind()),
-    }
-}
-
-/// The two sums of `expected.tsv`.
-fn sums(values: &DataArray) -> [f64; 2] {
-    let mut sums = [0.0; 2];
-    for i in 0..values.tuples() * values.components() {
-        let v = values.get_f64(i / values.components(), i % values.components());
-        sums[0] += v;
-        sums[1] += v * (i % 97 + 1) as f64;
-    }
-    sums
 }
 
 #[test]
