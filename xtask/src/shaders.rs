@@ -19,7 +19,7 @@ const STAGES: [&str; 6] = ["comp", "rgen", "rmiss", "rchit", "rahit", "rint"];
 /// Compiles every shader; with `check`, compares with what is committed instead.
 pub fn shaders(check: bool) -> Result<(), Failure> {
     if !succeeds(command(COMPILER, &["--version"])) {
-        install(&[PACKAGE])?;
+        install(&[PACKAGE], &[])?;
     }
     let sources = sources(&workspace().join(FOLDER))?;
     if sources.is_empty() {

@@ -61,7 +61,13 @@ pub fn test() -> Result<(), Failure> {
     if succeeds(command(&cargo, &["nextest", "--version"])) {
         run(&mut on_lavapipe(command(
             &cargo,
-            &["nextest", "run", "--workspace", "--no-tests=pass"],
+            &[
+                "nextest",
+                "run",
+                "--workspace",
+                "--no-tests=pass",
+                "--no-fail-fast",
+            ],
         )))?;
         run(&mut on_lavapipe(command(
             &cargo,
@@ -96,10 +102,9 @@ fn lavapipe() -> Result<Option<PathBuf>, Failure> {
         }
         return Ok(found);
     }
-    install(SYSTEM_PACKAGES)?;
+    install(SYSTEM_PACKAGES, &[])?;
     if find().is_none() {
-        add_backports()?;
-        install(&[LAVAPIPE_PACKAGE])?;
+        install(&[LAVAPIPE_PACKAGE], add_backports()?)?;
     }
     match find() {
         Some(found) => Ok(Some(found)),
@@ -109,19 +114,18 @@ fn lavapipe() -> Result<Option<PathBuf>, Failure> {
     }
 }
 
-/// On Debian 12, makes its backports known and prefers their lavapipe.
-fn add_backports() -> Result<(), Failure> {
+/// On Debian 12, makes its backports known; gives what tells apt to take a package from there, and with it
+/// those that it needs in a newer version than the one installed.
+fn add_backports() -> Result<&'static [&'static str], Failure> {
     let release = std::fs::read_to_string("/etc/os-release").unwrap_or_default();
     if !release.contains("VERSION_CODENAME=bookworm") {
-        return Ok(());
+        return Ok(&[]);
     }
     let script = "\
         echo 'deb http://deb.debian.org/debian bookworm-backports main' \
-            > /etc/apt/sources.list.d/vacua-backports.list && \
-        printf 'Package: src:mesa\\nPin: release n=bookworm-backports\\nPin-Priority: 600\\n' \
-            > /etc/apt/preferences.d/vacua-backports && \
-        apt-get update";
-    run(&mut as_root("sh", &["-c", script]))
+            > /etc/apt/sources.list.d/vacua-backports.list";
+    run(&mut as_root("sh", &["-c", script]))?;
+    Ok(&["--target-release", "bookworm-backports"])
 }
 
 /// A command with the rights to install packages.
@@ -136,8 +140,8 @@ fn as_root(program: &str, arguments: &[&str]) -> std::process::Command {
     sudo
 }
 
-/// Installs Debian packages that are not there yet; does nothing for an empty list.
-pub fn install(packages: &[&str]) -> Result<(), Failure> {
+/// Installs Debian packages that are not there yet, with more options for apt; does nothing for an empty list.
+pub fn install(packages: &[&str], options: &[&str]) -> Result<(), Failure> {
     let missing: Vec<&str> = packages
         .iter()
         .copied()
@@ -149,6 +153,7 @@ pub fn install(packages: &[&str]) -> Result<(), Failure> {
     // Fresh machines have no lists of packages; where they cannot be had, older ones may do.
     let _ = run(&mut as_root("apt-get", &["update"]));
     let mut arguments = vec!["install", "-y", "--no-install-recommends"];
+    arguments.extend(options);
     arguments.extend(missing);
     run(&mut as_root("apt-get", &arguments))
 }
