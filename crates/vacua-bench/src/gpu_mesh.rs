@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use vacua_gpu::{DeviceChoice, GpuRenderer, MeshBytes};
+use vacua_gpu::{DeviceChoice, GpuRenderer, MeshBytes, Search};
 use vacua_io::picture::{Picture, write_png};
 use vacua_pack::{EncodeOptions, PackedField, PackedVolume, Variant, encode};
 use vacua_render::{
@@ -119,8 +119,8 @@ pub struct MeshResult {
     pub pack_secs: f64,
     /// Frames.
     pub rows: Vec<MeshRow>,
-    /// Samples a second at random places, searched for together and alone; `None` if not measured.
-    pub random_per_sec: Option<[f64; 2]>,
+    /// Samples a second at random places; `None` if not measured.
+    pub random_per_sec: Option<f64>,
     /// Against the CPU's picture at a quarter of the size: dB, and the largest difference in steps of
     /// 8 bits.
     pub against_cpu: (f64, u8),
@@ -258,7 +258,7 @@ fn measure(
         ..RenderSettings::default()
     };
     let is_of_leaves = variant == Variant::MultiLeaves;
-    gpu.set_together(true);
+    gpu.set_search(Search::Together);
     let start = Instant::now();
     gpu.render(&scene, &base)?;
     let first_secs = start.elapsed().as_secs_f64();
@@ -282,26 +282,29 @@ fn measure(
             let lit = if shading == Shading::None { "" } else { "-lit" };
             write(&folder.join(format!("{kind}-{size}{lit}.png")), &reference)?;
         }
-        let mut ways = vec![(none.clone(), true)];
+        let mut ways = vec![(none.clone(), Search::Together)];
         ways.extend(
             options
                 .sides
                 .iter()
-                .map(|&side| (on_grid(&none, Some(side)), true)),
+                .map(|&side| (on_grid(&none, Some(side)), Search::Together)),
         );
         if options.alone && !is_of_leaves {
-            ways.push((none, false));
+            ways.push((none, Search::Alone));
         }
-        for (settings, together) in ways {
-            gpu.set_together(together);
-            rows.push(row(gpu, options, &scene, &settings, together, &reference)?);
+        for (settings, search) in ways {
+            gpu.set_search(search);
+            rows.push(row(gpu, options, &scene, &settings, search, &reference)?);
         }
-        gpu.set_together(true);
+        gpu.set_search(Search::Together);
     }
     let random_per_sec = match options.places {
         0 => None,
         _ if is_of_leaves => None,
-        count => Some(random(gpu, count)?),
+        count => {
+            let places = random_places(gpu, count);
+            Some(rate(gpu, &places)?)
+        }
     };
     let small = RenderSettings {
         width: options.size.0 / 4,
@@ -335,7 +338,7 @@ fn row(
     options: &GpuMeshOptions,
     scene: &Scene,
     settings: &RenderSettings,
-    together: bool,
+    search: Search,
     reference: &Frame,
 ) -> Result<MeshRow, BenchError> {
     let first = gpu.render(scene, settings)?;
@@ -353,7 +356,7 @@ fn row(
             SkipMethod::None => 0,
             _ => first.report.macrocell_side,
         },
-        together,
+        together: search == Search::Together,
         is_shaded: settings.shading == Shading::Gradient,
         march_secs: median(march),
         samples: frame.total_samples(),
@@ -399,18 +402,6 @@ pub(crate) fn rate(gpu: &mut GpuRenderer, places: &[[f32; 3]]) -> Result<f64, Be
     Ok(places.len() as f64 / gpu.timings().secs("sample"))
 }
 
-/// Samples a second at random places of the mesh's box, searched for together and alone.
-fn random(gpu: &mut GpuRenderer, count: usize) -> Result<[f64; 2], BenchError> {
-    let places = random_places(gpu, count);
-    let mut rates = [0.0; 2];
-    for (found, together) in rates.iter_mut().zip([true, false]) {
-        gpu.set_together(together);
-        *found = rate(gpu, &places)?;
-    }
-    gpu.set_together(true);
-    Ok(rates)
-}
-
 fn write(path: &std::path::Path, frame: &Frame) -> Result<(), BenchError> {
     let picture = Picture {
         width: frame.width,
@@ -453,13 +444,8 @@ impl GpuMeshResults {
                 mesh.first_skipped_secs,
                 mesh.pack_secs,
             );
-            if let Some([together, alone]) = mesh.random_per_sec {
-                let _ = writeln!(
-                    out,
-                    "Random places: {:.3} Gsamples/s together, {:.3} alone.\n",
-                    together / 1e9,
-                    alone / 1e9
-                );
+            if let Some(rate) = mesh.random_per_sec {
+                let _ = writeln!(out, "Random places: {:.3} Gsamples/s.\n", rate / 1e9);
             }
             out.push_str(
                 "| method | K | search | lit | march ms | frame, wall ms | Msamples | Gsamples/s \

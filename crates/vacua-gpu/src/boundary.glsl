@@ -31,7 +31,7 @@ uvec3 point_of(uint index) {
 bool is_active(ivec3 at) {
     ivec3 n = ivec3(parameters.macrocells.xyz);
     if (any(lessThan(at, ivec3(0))) || any(greaterThanEqual(at, n))) return false;
-    return distance_at(vec3(at)) == 0;
+    return is_active(uvec3(at));
 }
 
 // A bit for each axis across which there is a face at a point, and three further up one that says

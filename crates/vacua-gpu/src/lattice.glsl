@@ -42,20 +42,26 @@ vec3 fraction_of(vec3 at, vec3 cell) {
     return min(fraction, vec3(BELOW_ONE));
 }
 
-// Number of a macrocell.
-uint macrocell_index(ivec3 at) {
-    uvec3 n = parameters.macrocells.xyz;
-    return uint(at.x) + n.x * (uint(at.y) + n.y * uint(at.z));
-}
-
 // The macrocell of a place in the volume's box, as whole numbers.
 vec3 macrocell_of(vec3 at) {
     // ⌊c / K⌋ exactly: no multiple of 1/K is nearer to (c + ½)/K than ½/K.
     return trunc((cell_of(at) + 0.5) * parameters.last_cell.w);
 }
 
-// What the distance map says of a macrocell: 0 if it is active.
-uint distance_at(vec3 macrocell) {
-    uint index = macrocell_index(ivec3(macrocell));
+// What the map of macrocells says of one: 0 if it is active. Else 128 and the Chebyshev distance to the
+// nearest active one, up to a reach, if the box of it and the next one upwards along every axis holds none;
+// or, below 128, which smaller boxes hold none, as `distance.comp` numbers them.
+uint map_at(uvec3 macrocell) {
+    uvec3 n = parameters.macrocells.xyz;
+    uint index = macrocell.x + n.x * (macrocell.y + n.y * macrocell.z);
     return push.skip.word[index >> 2] >> (8 * (index & 3u)) & 255u;
+}
+
+bool is_active(uvec3 macrocell) {
+    return map_at(macrocell) == 0;
+}
+
+// The distance to the nearest active macrocell that a byte of the map tells.
+uint distance_of(uint byte) {
+    return byte < 128u ? min(byte, 1u) : byte & 127u;
 }

@@ -29,5 +29,7 @@ pub use error::GpuError;
 pub use group::GpuGroup;
 pub use mesh::MeshBytes;
 pub use reference::{MeshEncoding, MeshReference};
-pub use renderer::{Boundary, GpuOptions, GpuRenderer, MeshSample, StructureOptions, Tracer};
+pub use renderer::{
+    Boundary, GpuOptions, GpuRenderer, MeshSample, Search, StructureOptions, Tracer,
+};
 pub use vulkan::{Device, DeviceChoice, DeviceInfo, DeviceKind, Instance, Preference, Timings};

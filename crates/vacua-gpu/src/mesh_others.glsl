@@ -280,34 +280,30 @@ uint tapered_verdict(uint kind, vec3 corners[8], vec3 at, out Weights weights) {
 
 #include "mesh_exact.glsl"
 
-// Whether a place lies outside of the hull of a hexahedron's corners by more than rounding, as the planes of
-// its faces tell. Far outside Newton's method may end nowhere, and finding that out takes `f64` long.
+// Steps towards a plane between a place and a hexahedron.
+const int HULL_STEPS = 8;
+
+// Whether a place lies outside of the hull of a hexahedron's corners by more than rounding: a plane through it
+// has all of them behind. Steps towards the hull's nearest point find it, by way of the corners that are
+// farthest ahead (von Neumann's algorithm). Outside Newton's method may end nowhere from all of its starts,
+// and finding that out takes `f64` so long that other subgroups wait.
 bool outside_hull(vec3 corners[8], vec3 extent, vec3 at) {
-    const uvec4 FACES[6] = uvec4[](
-        uvec4(0, 1, 2, 3),
-        uvec4(4, 5, 6, 7),
-        uvec4(0, 1, 5, 4),
-        uvec4(1, 2, 6, 5),
-        uvec4(2, 3, 7, 6),
-        uvec4(3, 0, 4, 7)
-    );
-    bool is_outside = false;
-    [[unroll]] for (int f = 0; f < 6; ++f) {
-        uvec4 face = FACES[f];
-        vec3 normal = cross_of(
-            corners[face.z] - corners[face.x], corners[face.w] - corners[face.y]
-        );
-        float first = LARGEST;
-        float last = -LARGEST;
+    vec3 nearest = vec3(0.0);
+    for (int k = 0; k < 8; ++k) nearest += 0.125 * (corners[k] - at);
+    for (int i = 0; i < HULL_STEPS; ++i) {
+        float most = -LARGEST;
+        vec3 corner = nearest;
         [[unroll]] for (int k = 0; k < 8; ++k) {
-            float height = dot_of(normal, corners[k] - at);
-            first = min(first, height);
-            last = max(last, height);
+            vec3 seen = corners[k] - at;
+            float ahead = -dot_of(nearest, seen);
+            corner = ahead > most ? seen : corner;
+            most = max(most, ahead);
         }
-        float margin = 1e-4 * dot_of(abs(normal), extent);
-        is_outside = is_outside || first > margin || last < -margin;
+        if (most < -1e-4 * dot_of(abs(nearest), extent)) return true;
+        vec3 side = corner - nearest;
+        nearest += clamp(-dot_of(nearest, side) / dot_of(side, side), 0.0, 1.0) * side;
     }
-    return is_outside;
+    return false;
 }
 
 // Whether a cell accepts a place, and the weights of its corners there.

@@ -9,6 +9,7 @@
 #include "shared.glsl"
 #include "lattice.glsl"
 #include "ray.glsl"
+#include "lanes.glsl"
 #include "tile.glsl"
 
 // Linear-light colour of the lines, their opacity, and half their width in pixels.
@@ -39,7 +40,7 @@ float macrocell_plane(int axis, int plane) {
 bool is_active(ivec3 macrocell) {
     ivec3 n = ivec3(parameters.macrocells.xyz);
     bool is_inside = all(greaterThanEqual(macrocell, ivec3(0))) && all(lessThan(macrocell, n));
-    return is_inside && distance_at(vec3(macrocell)) == 0;
+    return is_inside && is_active(uvec3(macrocell));
 }
 
 // The first face that a line meets in front of the camera: its axis, -1 if there is none, its

@@ -6,6 +6,7 @@
 #include "shared.glsl"
 #include "lattice.glsl"
 #include "ray.glsl"
+#include "lanes.glsl"
 #include "tile.glsl"
 #include "runs.glsl"
 #include "hit.glsl"

@@ -17,6 +17,8 @@ struct Ray {
     // The samples that are seen.
     uint begin;
     uint end;
+    // Windows of ALIGNMENT samples before sample 0, counted from the camera.
+    uint window;
 };
 
 vec3 position(Ray ray, float k) {
@@ -80,6 +82,7 @@ Ray ray_of(uvec2 pixel) {
     Ray ray;
     ray.begin = 0;
     ray.end = 0;
+    ray.window = 0;
     precise double x =
         (double(pixel.x) + double(push.offset.x)) * parameters.grid.y - 1.0;
     precise double y =
@@ -133,6 +136,7 @@ Ray ray_of(uvec2 pixel) {
     precise double from_anchor = base + double(jitter) - anchor_sample;
     precise vec3 start = fma(vec3(float(from_anchor)), step, anchor);
     ray.start = start;
+    ray.window = uint(min(base / double(ALIGNMENT), 4e9LF));
     ray.t_start = float((base + double(jitter)) * double(ray.dt));
     ray.end = MAX_SAMPLES;
     for (int a = 0; a < 3; ++a) cut(ray, a, parameters.box_lo[a], parameters.box_hi[a]);

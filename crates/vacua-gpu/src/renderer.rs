@@ -13,12 +13,13 @@ mod mesh;
 mod options;
 mod outline;
 mod pipelines;
+mod subgroups;
 mod submit;
 mod traced;
 
 pub use inspect::Boundary;
 pub use mesh::MeshSample;
-pub use options::{GpuOptions, StructureOptions, Tracer};
+pub use options::{GpuOptions, Search, StructureOptions, Tracer};
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

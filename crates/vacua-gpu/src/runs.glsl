@@ -23,7 +23,7 @@ uint first_run(uvec2 own) {
     uvec2 group = own / 16u;
     uvec2 local = own % 16u;
     uint columns = (parameters.picture.x + 15u) / 16u;
-    uint lane = (local.x & 7u) | (local.y & 3u) << 3;
     uint subgroup = local.x >> 3 | local.y >> 2 << 1;
-    return (group.y * columns + group.x) * (RUN_STRIDE * MAX_RUNS) + subgroup * 32u + lane;
+    return (group.y * columns + group.x) * (RUN_STRIDE * MAX_RUNS) + subgroup * 32u
+        + lane_of_pixel(local);
 }

@@ -24,8 +24,12 @@ shaders! {
     BOUNDARY_SCAN = "boundary_scan";
     /// The boundary's faces and triangles.
     BOUNDARY_WRITE = "boundary_write";
-    /// The picture, by `none` and `grid`.
+    /// The picture, by `none` and `grid`, each ray for itself.
     MARCH = "march";
+    /// The picture of a uniform grid, by `none` and `grid`, subgroups looking ahead together.
+    MARCH_BEAMS = "march_beams";
+    /// The same where surfaces are lit.
+    MARCH_BEAMS_LIT = "march_beams_lit";
     /// The picture, over runs that were found.
     MARCH_RUNS = "march_runs";
     /// Where rays meet what is active, by `mesh` through ray queries.

@@ -97,7 +97,8 @@ layout(push_constant, std430) uniform Push {
     // RGBA16F entries of the transfer table, and for each bin the next one with any extinction.
     Entries table;
     Words next_active;
-    // Ranges of macrocells; distance to the nearest active one, a byte each; those being made.
+    // Ranges of macrocells; distance to the nearest active one, a byte each, and none for rays through
+    // meshes that skip nothing; those being made.
     Pairs ranges;
     Words skip;
     Words skip_before;

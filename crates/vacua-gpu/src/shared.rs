@@ -9,6 +9,9 @@ pub(crate) const MAX_SLABS: usize = 16;
 /// Side of the square of pixels that a workgroup of the march makes.
 pub(crate) const TILE: u32 = 16;
 
+/// Farthest distance that the map of macrocells tells.
+pub(crate) const MAX_REACH: u8 = 127;
+
 /// Runs of samples that a ray may have.
 pub(crate) const MAX_RUNS: u32 = 8;
 
@@ -33,6 +36,9 @@ pub(crate) mod constant {
     pub const BLANKED: u32 = 6;
     pub const RECTILINEAR: u32 = 7;
     pub const NUM_SLABS: u32 = 8;
+    pub const LANES: u32 = 9;
+    pub const SUBGROUPS: u32 = 10;
+    pub const INVOCATIONS: u32 = 11;
 }
 
 /// The uniform block `Parameters`; what each member means is said in `shared.glsl`.

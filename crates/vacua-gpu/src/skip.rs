@@ -1,8 +1,9 @@
 //! Macrocells and the distance map on the device (paper A §4.1.1 and §4.2.1).
 //!
 //! The map holds a byte a macrocell: 0 if it is active, else the Chebyshev distance to the nearest
-//! active one, up to a reach. Rays step over boxes of known distance; with a reach of 1 that is a
-//! plain walk from macrocell to macrocell.
+//! active one, up to a reach; beside active ones, which boxes of two macrocells a side hold any. Rays of a
+//! subgroup look at one box of macrocells for all of them, or step over boxes of known distance each; with
+//! a reach of 1 that is a plain walk from macrocell to macrocell.
 
 use std::sync::Arc;
 

@@ -46,7 +46,7 @@ Walk walk_of(Ray ray) {
 }
 
 bool is_active(Ray ray, uint k) {
-    return distance_at(macrocell_of(position(ray, float(k)))) == 0;
+    return is_active(uvec3(macrocell_of(position(ray, float(k)))));
 }
 
 // Moves a sample in an active macrocell to the first in another that is not, if it is near; whether it

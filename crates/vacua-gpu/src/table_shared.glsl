@@ -1,5 +1,4 @@
-// What the compute shaders that sample share: the transfer table in shared memory, and rays that march
-// in step.
+// The transfer table in shared memory, for the compute shaders that sample.
 
 // Transfer table as halves: red and green, blue and extinction; and both ends of each bin's
 // extinction, which is all that most samples ask for. A filtered image of colours in place of the
@@ -17,7 +16,7 @@ uint table_ends(uint bin) {
 
 // Brings the transfer table.
 void bring_table() {
-    for (uint i = gl_LocalInvocationIndex; i <= TRANSFER_BINS; i += 256) {
+    for (uint i = gl_LocalInvocationIndex; i <= TRANSFER_BINS; i += gl_WorkGroupSize.x) {
         uvec2 entry = push.table.entry[i];
         colors[i] = entry;
         if (i < TRANSFER_BINS) {
@@ -26,9 +25,4 @@ void bring_table() {
         }
     }
     barrier();
-}
-
-// The first block that any ray of the subgroup wants.
-uint first_wanted(uint wanted) {
-    return subgroupMin(wanted);
 }

@@ -7,5 +7,5 @@ uvec2 own_pixel() {
     uint lane = gl_LocalInvocationIndex & 31u;
     uint group = gl_LocalInvocationIndex >> 5;
     return gl_WorkGroupID.xy * 16u
-        + uvec2((group & 1u) * 8u + (lane & 7u), (group >> 1) * 4u + (lane >> 3));
+        + uvec2((group & 1u) * 8u, (group >> 1) * 4u) + pixel_of_lane(lane);
 }

@@ -1,10 +1,10 @@
-// How far a ray may go on before it looks again, by the distance map.
+// How far a ray may go on before it looks again, by the map of macrocells.
 
 // Distance of a sample's macrocell to the nearest active one, 0 if it is active itself; and the
 // first sample that may lie outside the box of macrocells that are known to be alike.
 uint look_ahead(Ray ray, vec3 inverse_step, uint k, out uint next) {
     vec3 at = macrocell_of(position(ray, float(k)));
-    uint apart = distance_at(at);
+    uint apart = distance_of(map_at(uvec3(at)));
     float side = float(parameters.macrocells.w);
     float reach = float(max(apart, 1u)) * side;
     bvec3 upward = greaterThanEqual(ray.step, vec3(0.0));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use common::*;
 use glam::DVec3;
-use vacua_gpu::{GpuOptions, GpuRenderer, MeshSample, Tracer};
+use vacua_gpu::{GpuOptions, GpuRenderer, MeshSample, Search, Tracer};
 use vacua_io::Source;
 use vacua_pack::block::Places;
 use vacua_pack::file::{PackedFile, seal, write_file};
@@ -173,8 +173,8 @@ fn check_samples(what: &str, volume: Arc<Volume>, options: GpuOptions) {
     .expect("a good scene");
     let found = expected.iter().filter(|s| s.cell.is_some()).count();
     assert!(found > places.len() / 4, "{what}: {found} places in cells");
-    for together in [true, false] {
-        gpu.set_together(together);
+    for search in [Search::Together, Search::Alone] {
+        gpu.set_places_search(search);
         let samples = gpu.sample_mesh(&places).expect("a device");
         let mut worst = 0.0f32;
         let mut others = 0;
@@ -183,7 +183,7 @@ fn check_samples(what: &str, volume: Arc<Volume>, options: GpuOptions) {
                 others += 1;
                 if others < 5 {
                     eprintln!(
-                        "{what} {together}: {:?}: {ours:?}, not {theirs:?}",
+                        "{what} {search:?}: {:?}: {ours:?}, not {theirs:?}",
                         places[i]
                     );
                 }
@@ -195,7 +195,7 @@ fn check_samples(what: &str, volume: Arc<Volume>, options: GpuOptions) {
             }
         }
         eprintln!(
-            "{what}, together {together}: {found} of {} in cells, values {worst} ulp",
+            "{what}, {search:?}: {found} of {} in cells, values {worst} ulp",
             places.len()
         );
         assert_eq!(others, 0, "{what}: places in other cells");
@@ -287,18 +287,18 @@ fn check(what: &str, scene: &Scene, settings: &RenderSettings) {
     let Some(mut gpu) = renderer(GpuOptions::default()) else {
         return;
     };
-    let picture = |gpu: &mut GpuRenderer, skip, together| -> Frame {
+    let picture = |gpu: &mut GpuRenderer, skip, search| -> Frame {
         let settings = RenderSettings {
             skip,
             ..settings.clone()
         };
-        gpu.set_together(together);
+        gpu.set_search(search);
         gpu.render(scene, &settings).expect("a good scene").frame
     };
-    let with = picture(&mut gpu, SkipMethod::Grid, true);
-    let without = picture(&mut gpu, SkipMethod::None, true);
+    let with = picture(&mut gpu, SkipMethod::Grid, Search::Together);
+    let without = picture(&mut gpu, SkipMethod::None, Search::Together);
     assert_same_bits(&format!("{what}, skipping"), &with, &without);
-    let alone = picture(&mut gpu, SkipMethod::Grid, false);
+    let alone = picture(&mut gpu, SkipMethod::Grid, Search::Alone);
     assert_same_bits(&format!("{what}, alone"), &with, &alone);
     assert!(
         with.total_samples() <= without.total_samples(),

@@ -12,9 +12,11 @@
 
 mod all;
 mod part;
+mod span;
 
-pub(crate) use part::{FieldPart, FieldRanges, cells_before};
+pub(crate) use part::{FieldPart, cells_before};
 
+use part::{Scratch, find_ranges};
 use rayon::prelude::*;
 use vacua_volume::{Association, DataArray, Scalar, ValueRange, dispatch_scalar};
 
@@ -484,13 +486,18 @@ fn pack_parts<T: Scalar>(
     }
     let ends: Result<Vec<[f64; 2]>, u64> = parts
         .into_par_iter()
-        .map(|part| {
-            order.pick(part.first, all, part.values)?;
-            let ranges = FieldRanges::of(&part.submesh, association, part.values);
-            for (slot, found) in part.slots.iter_mut().zip(&ranges.slots) {
-                *slot = *found;
-            }
-            Ok(ranges.ends())
+        .map_init(Scratch::default, |scratch, part| {
+            let Part {
+                submesh, values, ..
+            } = part;
+            order.pick(part.first, all, values)?;
+            Ok(find_ranges(
+                &submesh,
+                association,
+                values,
+                part.slots,
+                scratch,
+            ))
         })
         .collect();
     let ends = ends?;

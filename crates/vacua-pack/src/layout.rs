@@ -105,7 +105,7 @@ impl LeafCounts {
 
     /// The counts in a byte.
     #[inline(always)]
-    pub fn unpack(byte: u8) -> Self {
+    pub const fn unpack(byte: u8) -> Self {
         Self {
             tets: byte & 3,
             pairs: byte >> 2 & 15,
@@ -115,16 +115,16 @@ impl LeafCounts {
 
     /// Indices that the primitives take.
     #[inline(always)]
-    pub fn num_indices(self) -> usize {
-        TET_INDICES * usize::from(self.tets)
-            + PAIR_INDICES * usize::from(self.pairs)
-            + OTHER_INDICES * usize::from(self.others)
+    pub const fn num_indices(self) -> usize {
+        TET_INDICES * self.tets as usize
+            + PAIR_INDICES * self.pairs as usize
+            + OTHER_INDICES * self.others as usize
     }
 
     /// Cells that the primitives are.
     #[inline(always)]
-    pub fn num_cells(self) -> usize {
-        usize::from(self.tets) + 2 * usize::from(self.pairs) + usize::from(self.others)
+    pub const fn num_cells(self) -> usize {
+        self.tets as usize + 2 * self.pairs as usize + self.others as usize
     }
 }
 

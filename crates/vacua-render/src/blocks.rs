@@ -15,6 +15,7 @@ mod strides;
 use vacua_simd::{BLOCK, Float, Mask, Simd};
 use vacua_skip::{Axis, BLOCKS_PER_WINDOW, MAX_SAMPLES, SampleRay, Skipper};
 
+use crate::ahead::Beam;
 use crate::setup::{TILE, TILE_RAYS, TileRays};
 
 pub(crate) use strides::Strides;
@@ -89,6 +90,8 @@ pub(crate) trait Visit<S: Simd> {
     /// The values of pairs of blocks of rays of the tile, each with its ray: at most one pair a ray
     /// where they are looked for together.
     fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, Self::Place>);
+    /// Asks for what samples of the rays from one number to another will read.
+    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]);
     /// Adds two blocks to a ray; `false` to end it.
     fn add(
         &self,
@@ -157,6 +160,15 @@ struct PairList {
 }
 
 impl PairList {
+    /// Pairs consecutive blocks of eight samples.
+    #[inline(always)]
+    fn push_run(&mut self, ray: usize, first_block: u32, blocks: u32) {
+        for block in (first_block..first_block + blocks).step_by(2) {
+            let [a, b] = [block, block + 1].map(|block| ((block * BLOCK as u32) as f32, 1.0));
+            self.push(ray, a, b);
+        }
+    }
+
     #[inline(always)]
     fn push(&mut self, ray: usize, a: Block, b: Block) {
         let pair = BlockPair {
@@ -211,16 +223,34 @@ impl Partition<'_> {
             Strides::Varying(_) | Strides::Lattice(_) => (BLOCKS_PER_WINDOW, WINDOW_RAYS),
         };
         let mut first_block = begin - begin % BLOCKS_PER_WINDOW;
+        let beam = Beam::of(self.tile);
         loop {
             // After the last window, blocks that still wait are evaluated alone.
             let last = first_block >= end;
             if !last {
                 skipper.window(&rays, first_block, &mut set);
             }
-            let any = set.iter().fold(0, |any, bits| any | bits);
+            let any = if last {
+                0
+            } else {
+                set.iter().fold(0, |any, bits| any | bits)
+            };
             let mut chunk = 0;
+            // Bits of a chunk's blocks; none past the window.
+            let blocks_of = |chunk: u32| (u64::MAX >> (64 - chunk_blocks)).unbounded_shl(chunk);
+            let fetch = |chunk: u32| {
+                if any & blocks_of(chunk) != 0 {
+                    let first = first_block + chunk;
+                    let samples = [first, first + chunk_blocks].map(|b| (b * BLOCK as u32) as f32);
+                    visit.fetch_ahead(&beam, samples);
+                }
+            };
             while chunk < BLOCKS_PER_WINDOW && (last || any >> chunk != 0) {
-                let in_chunk = (u64::MAX >> (64 - chunk_blocks)) << chunk;
+                let in_chunk = blocks_of(chunk);
+                if chunk == 0 {
+                    fetch(0);
+                }
+                fetch(chunk + chunk_blocks);
                 let mut group = 0;
                 while group < TILE_RAYS {
                     pairs.len = 0;
@@ -238,6 +268,8 @@ impl Partition<'_> {
                             }
                             let end = (first_block + chunk + chunk_blocks) * BLOCK as u32;
                             waiting[i] = pair_up_list(i, list, end as f32, waiting[i], &mut pairs);
+                        } else if set[i] & in_chunk == in_chunk && waiting[i].1 == 0.0 {
+                            pairs.push_run(i, first_block + chunk, chunk_blocks);
                         } else if set[i] & in_chunk != 0 {
                             let bits = set[i] & in_chunk;
                             waiting[i] = pair_up(i, first_block, bits, waiting[i], &mut pairs);
@@ -396,6 +428,7 @@ mod tests {
                 group.lanes[n] = Mask::from_bits(1);
             }
         }
+        fn fetch_ahead(&self, _: &Beam, _: [f32; 2]) {}
         fn add(
             &self,
             _: usize,

@@ -5,6 +5,7 @@
 //! picture is the same to the bit.
 
 mod accumulate;
+mod ahead;
 mod auto;
 mod blocks;
 mod camera;

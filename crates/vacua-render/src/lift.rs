@@ -17,22 +17,24 @@ use vacua_volume::ValueRange;
 pub(crate) struct Lift {
     /// Added to the bits of numbers.
     bits: i32,
-    /// The smallest normal number, lifted.
-    smallest: f32,
+    /// Bits of which lifted normal numbers have one, and lifted 0 and subnormal numbers none.
+    normal: i32,
 }
 
 impl Lift {
     /// Largest k: beyond it nothing is gained.
     const MOST: i32 = 63;
 
-    /// For values of a range: as far as all differences of two of them stay finite.
+    /// For values of a range: as far as all differences of two of them stay finite, and by one less than
+    /// a power of two, so that bits tell normal numbers from others.
     pub fn for_range(range: Option<ValueRange>) -> Self {
         let largest = range.map_or(0.0, |range| range.lo.abs().max(range.hi.abs()) as f32);
         let exponent = (largest.to_bits() >> MANTISSA_BITS) as i32 - EXPONENT_BIAS;
-        let k = (EXPONENT_BIAS - 2 - exponent).clamp(0, Self::MOST);
+        let most = (EXPONENT_BIAS - 2 - exponent).clamp(0, Self::MOST);
+        let smallest_exponent = 1 << (most + 1).ilog2();
         Self {
-            bits: k << MANTISSA_BITS,
-            smallest: f32::MIN_POSITIVE * (k as f32).exp2(),
+            bits: (smallest_exponent - 1) << MANTISSA_BITS,
+            normal: -smallest_exponent << MANTISSA_BITS & i32::MAX,
         }
     }
 
@@ -49,8 +51,9 @@ impl Lift {
     /// What lifted numbers mean.
     #[inline(always)]
     pub fn lower<S: Simd>(self, value: S::F) -> S::F {
-        let normal = S::F::splat(self.smallest).le(value.abs());
-        S::f_from_bits(value.to_bits() - S::I::splat(self.bits)).or_zero(normal)
+        let bits = value.to_bits();
+        let normal = bits.shares_bits(S::I::splat(self.normal));
+        S::f_from_bits((bits - S::I::splat(self.bits)).or_zero(normal))
     }
 }
 

@@ -10,6 +10,7 @@ use vacua_simd::math::opacity_of_depth;
 use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, LANES, Mask, Simd, per_axis};
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
+use crate::ahead::Beam;
 use crate::blocks::{BlockPair, Group, Sampled, Visit};
 use crate::light::LIGHT;
 use crate::sampler::Sampler;
@@ -256,6 +257,11 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
     }
 
     #[inline(always)]
+    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+        self.sampler.fetch_ahead(beam, samples);
+    }
+
+    #[inline(always)]
     fn add(
         &self,
         i: usize,
@@ -360,6 +366,11 @@ impl<S: Simd, V: Sampler> Visit<S> for Maximum<'_, S, V> {
     #[inline(always)]
     fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, V::Place>) {
         sample::<S, V>(self.sampler, self.tile, pairs, group, None);
+    }
+
+    #[inline(always)]
+    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+        self.sampler.fetch_ahead(beam, samples);
     }
 
     #[inline(always)]

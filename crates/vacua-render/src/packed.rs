@@ -204,8 +204,12 @@ impl PackedCells {
     fn sizes(&self) -> Result<(f64, Strides), RenderError> {
         let lattice = self.lattice()?;
         let counts = lattice.counts();
-        let sums: Vec<(AtomicU64, AtomicU32)> =
-            (0..lattice.len()).map(|_| Default::default()).collect();
+        // In parallel, as all that goes through so many cubes: memory is handed out by the thread that
+        // touches it first.
+        let sums: Vec<(AtomicU64, AtomicU32)> = (0..lattice.len())
+            .into_par_iter()
+            .map(|_| Default::default())
+            .collect();
         (0..self.mesh().submeshes().len())
             .into_par_iter()
             .filter_map(|s| self.mesh().submesh(s))
@@ -224,16 +228,21 @@ impl PackedCells {
             .collect();
         let pools = counts.map(|n| n.div_ceil(POOL));
         let mut pooled = vec![(0.0f64, 0u64); pools.iter().product()];
-        for (i, &(sum, count)) in sums.iter().enumerate() {
-            let at = [
-                i % counts[0],
-                i / counts[0] % counts[1],
-                i / counts[0] / counts[1],
-            ]
-            .map(|c| c / POOL);
-            let pool = &mut pooled[at[0] + pools[0] * (at[1] + pools[1] * at[2])];
-            *pool = (pool.0 + sum, pool.1 + u64::from(count));
-        }
+        // Layers of pools, each of which sums its cubes in order.
+        let layer = counts[0] * counts[1];
+        pooled
+            .par_chunks_mut(pools[0] * pools[1])
+            .zip(sums.par_chunks(layer * POOL))
+            .for_each(|(pooled, sums)| {
+                for (row, sums) in sums.chunks(counts[0]).enumerate() {
+                    let first = pools[0] * (row % counts[1] / POOL);
+                    for (pool, sums) in pooled[first..].iter_mut().zip(sums.chunks(POOL)) {
+                        for &(sum, count) in sums {
+                            *pool = (pool.0 + sum, pool.1 + u64::from(count));
+                        }
+                    }
+                }
+            });
         let means = pooled.iter().filter(|pool| pool.1 > 0);
         let smallest = means
             .map(|pool| pool.0 / pool.1 as f64)
@@ -244,9 +253,9 @@ impl PackedCells {
             0 => f32::INFINITY,
             _ => (sum / f64::from(count) / finest).max(1.0) as f32,
         };
-        let ratios: Vec<f32> = sums.iter().map(ratio).collect();
+        let ratios: Vec<f32> = sums.par_iter().map(ratio).collect();
         // Strides are powers of two: unless some cells are twice as large, there is but one.
-        let varies = ratios.iter().any(|&r| r >= 2.0 && r.is_finite());
+        let varies = ratios.par_iter().any(|&r| r >= 2.0 && r.is_finite());
         let strides = if varies {
             Strides::Lattice(LatticeMinima::new(counts, ratios))
         } else {
@@ -265,10 +274,17 @@ impl PackedCells {
                 let mut positions = [DVec3::ZERO; 8];
                 let mut middle = DVec3::ZERO;
                 let n = cell_type.num_points();
+                // Times a power of two is as exact as by one, and faster.
+                let is_exact = n.is_power_of_two();
+                let part = (n as f64).recip();
                 for k in 0..n {
                     let position = submesh.position(corners[k]);
                     positions[k] = position.map_or(DVec3::NAN, |p| DVec3::from(p.map(f64::from)));
-                    middle += positions[k] / n as f64;
+                    middle += if is_exact {
+                        positions[k] * part
+                    } else {
+                        positions[k] / n as f64
+                    };
                 }
                 let size = cell_size(cell_type, &positions) / f64::from(self.cube);
                 let middle =
@@ -341,8 +357,9 @@ impl PackedCells {
 fn in_macrocells(lattice: &Lattice, items: &[Item]) -> Vec<Item> {
     let index = |at: [f32; 3]| [0, 1, 2].map(|a| lattice.macrocell_of(a, at[a]));
     let (mut from, mut to) = ([usize::MAX; 3], [0; 3]);
-    for ([lo, hi], _) in items {
-        let (lo, hi) = (index(*lo), index(*hi));
+    let touched = items.iter().map(|([lo, hi], _)| (index(*lo), index(*hi)));
+    let touched: Vec<([usize; 3], [usize; 3])> = touched.collect();
+    for (lo, hi) in &touched {
         for a in 0..3 {
             from[a] = from[a].min(lo[a]);
             to[a] = to[a].max(hi[a] + 1);
@@ -350,8 +367,7 @@ fn in_macrocells(lattice: &Lattice, items: &[Item]) -> Vec<Item> {
     }
     let [nx, ny, nz] = [0, 1, 2].map(|a| to[a].saturating_sub(from[a]));
     let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; nx * ny * nz];
-    for ([lo, hi], range) in items {
-        let (lo, hi) = (index(*lo), index(*hi));
+    for ((lo, hi), (_, range)) in touched.iter().zip(items) {
         for z in lo[2]..=hi[2] {
             for y in lo[1]..=hi[1] {
                 for x in lo[0]..=hi[0] {

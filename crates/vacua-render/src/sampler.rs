@@ -5,9 +5,10 @@
 //! blanked, has no value.
 
 use vacua_simd::{Float, Int, LANES, Mask, Simd, Voxel, VoxelKind, WideMap, per_axis};
-use vacua_skip::{Axis, locate_unit};
+use vacua_skip::{Axis, locate_units};
 use vacua_volume::CellMask;
 
+use crate::ahead::{Beam, PointMemory};
 use crate::blocks::Group;
 use crate::lift::Lift;
 use crate::voxels::{Voxels, with_voxels};
@@ -36,6 +37,10 @@ pub(crate) trait Sampler: Sync {
         }
     }
 
+    /// Asks for what samples of a beam from one number to another will read.
+    #[inline(always)]
+    fn fetch_ahead(&self, _: &Beam, _: [f32; 2]) {}
+
     /// Gradients in ray space, at places whose cells [`Sampler::sample`] gave.
     fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Self::Place) -> [S::F; 3];
 }
@@ -45,11 +50,13 @@ pub(crate) struct PointSampler<'a> {
     grid: Grid<'a>,
     /// Whether element offsets need more than 31 bits.
     wide: bool,
+    /// For asking for values ahead.
+    memory: PointMemory<'a>,
     /// The last cell along each axis if cells are of unit size.
     last_unit_cell: Option<[i32; 3]>,
     /// Elements from one row, and from one slice, to the next.
-    row: usize,
-    slice: usize,
+    row: i32,
+    slice: i32,
 }
 
 /// Cell data of a uniform or rectilinear grid.
@@ -63,6 +70,8 @@ pub(crate) struct Grid<'a> {
     pub axes: &'a [Axis; 3],
     /// Values, x fastest.
     pub voxels: Voxels<'a>,
+    /// The same as they lie in memory.
+    pub bytes: &'a [u8],
     /// Whether all values are plain: finite then are those between them.
     pub plain: bool,
     /// For plain `f32`.
@@ -145,9 +154,13 @@ impl<'a> PointSampler<'a> {
         let last_cells = points.map(|n| n as i32 - 2);
         Self {
             wide,
+            memory: PointMemory {
+                bytes: grid.bytes,
+                points,
+            },
             last_unit_cell: grid.axes.iter().all(unit).then_some(last_cells),
-            row: points[0],
-            slice: points[0] * points[1],
+            row: points[0] as i32,
+            slice: (points[0] * points[1]) as i32,
             grid,
         }
     }
@@ -164,14 +177,14 @@ impl<'a> PointSampler<'a> {
         with_voxels!(self.grid.voxels, values => {
             for i in 0..N {
                 let [x, y, z] = places[i];
-                let low = y * S::I::splat(row as i32) + x;
+                let low = y * S::I::splat(row) + x;
                 // SAFETY: the point after a cell index is a point, so both lie in the grid; `new`
                 // checked that there is a value for each point and that offsets fit their width.
                 rows[i] = unsafe {
                     if self.wide {
                         S::voxel_pair(values, 0, S::offsets(z, slice as u32, low), map)
                     } else {
-                        S::voxel_pair_32(values, 0, z * S::I::splat(slice as i32) + low, map)
+                        S::voxel_pair_32(values, 0, z * S::I::splat(slice) + low, map)
                     }
                 };
             }
@@ -190,10 +203,11 @@ impl PointSampler<'_> {
     /// The cells of places.
     #[inline(always)]
     fn cells<S: Simd>(&self, at: [S::F; 3]) -> InCell<S> {
-        let [(x, fx), (y, fy), (z, fz)] = match &self.last_unit_cell {
-            Some(last) => per_axis!(a => locate_unit::<S>(at[a], last[a])),
-            None => per_axis!(a => self.grid.axes[a].locate::<S>(at[a])),
-        };
+        if let Some(last) = self.last_unit_cell {
+            let (cell, fraction) = locate_units::<S>(at, last);
+            return InCell { cell, fraction };
+        }
+        let [(x, fx), (y, fy), (z, fz)] = per_axis!(a => self.grid.axes[a].locate::<S>(at[a]));
         InCell {
             cell: [x, y, z],
             fraction: [fx, fy, fz],
@@ -204,12 +218,13 @@ impl PointSampler<'_> {
     #[inline(always)]
     fn corners<S: Simd, T: Voxel>(&self, values: &[T], cell: [S::I; 3]) -> [(S::F, S::F); 4] {
         let (row, slice) = (self.row, self.slice);
-        let low = cell[1] * S::I::splat(row as i32) + cell[0];
+        let low = cell[1] * S::I::splat(row) + cell[0];
         let map = self.grid.map;
-        let from = [0, row, slice, slice + row];
+        let (next_row, next_slice) = (row as usize, slice as usize);
+        let from = [0, next_row, next_slice, next_slice + next_row];
         let mut rows = [(S::F::splat(0.0), S::F::splat(0.0)); 4];
-        // SAFETY: `cells` clamps to cells, each of which has a point after it on every axis; `new`
-        // checked that there is a value for each point and that offsets fit their width.
+        // SAFETY: `cells` gives cells of the grid alone, each of which has a point after it on every
+        // axis; `new` checked that there is a value for each point and that offsets fit their width.
         unsafe {
             if self.wide {
                 let offsets = S::offsets(cell[2], slice as u32, low);
@@ -217,7 +232,7 @@ impl PointSampler<'_> {
                     rows[i] = S::voxel_pair(values, from[i], offsets, map);
                 }
             } else {
-                let offsets = cell[2] * S::I::splat(slice as i32) + low;
+                let offsets = cell[2] * S::I::splat(slice) + low;
                 for i in 0..4 {
                     rows[i] = S::voxel_pair_32(values, from[i], offsets, map);
                 }
@@ -256,6 +271,13 @@ impl Sampler for PointSampler<'_> {
         let place = self.cells::<S>(at);
         let value = with_voxels!(self.grid.voxels, values => self.value(values, &place));
         (value, self.grid.valid::<S>(lanes, value, place.cell), ())
+    }
+
+    #[inline(always)]
+    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+        if self.last_unit_cell.is_some() {
+            self.memory.fetch(beam, samples);
+        }
     }
 
     /// Central differences at the points, interpolated like the values; one-sided at the ends.

@@ -61,7 +61,8 @@ pub(crate) struct LaneRay {
 }
 
 impl LaneRay {
-    fn new(ray: &SampleRay, dt: f64) -> Self {
+    /// The same ray, with the world distance between its samples.
+    pub fn new(ray: &SampleRay, dt: f64) -> Self {
         Self {
             start: ray.start,
             step: ray.step,

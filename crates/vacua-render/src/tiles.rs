@@ -57,6 +57,7 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
         axes,
         // Of cells numbers are shown as they are, not interpolated.
         voxels: Voxels::of(scalars, volume.plain && association == Association::Point),
+        bytes: scalars.bytes(),
         plain: volume.plain,
         lift: Lift::for_range(volume.range),
         map,

@@ -128,6 +128,14 @@ impl Float for F {
         simd!(Self(_mm256_floor_ps(self.0), _mm256_floor_ps(self.1)))
     }
     #[inline(always)]
+    fn fraction(self) -> Self {
+        const TO_ZERO: i32 = _MM_FROUND_TO_ZERO | _MM_FROUND_NO_EXC;
+        simd!(Self(
+            _mm256_sub_ps(self.0, _mm256_round_ps::<TO_ZERO>(self.0)),
+            _mm256_sub_ps(self.1, _mm256_round_ps::<TO_ZERO>(self.1))
+        ))
+    }
+    #[inline(always)]
     fn round(self) -> Self {
         const NEAREST: i32 = _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC;
         simd!(Self(
@@ -384,6 +392,13 @@ impl Int for I {
         simd!(M(
             _mm256_cmpeq_epi32(self.0, b.0),
             _mm256_cmpeq_epi32(self.1, b.1)
+        ))
+    }
+    #[inline(always)]
+    fn or_zero(self, mask: M) -> Self {
+        simd!(Self(
+            _mm256_and_si256(self.0, mask.0),
+            _mm256_and_si256(self.1, mask.1)
         ))
     }
 }

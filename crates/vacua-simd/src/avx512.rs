@@ -123,6 +123,12 @@ impl Float for F {
         >(self.0)))
     }
     #[inline(always)]
+    fn fraction(self) -> Self {
+        Self(simd!(_mm512_reduce_ps::<
+            { _MM_FROUND_TO_ZERO | _MM_FROUND_NO_EXC },
+        >(self.0)))
+    }
+    #[inline(always)]
     fn round(self) -> Self {
         Self(simd!(_mm512_roundscale_ps::<
             { _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC },
@@ -271,6 +277,18 @@ impl Int for I {
     #[inline(always)]
     fn eq(self, b: Self) -> M {
         M(simd!(_mm512_cmpeq_epi32_mask(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn le_unsigned(self, b: Self) -> M {
+        M(simd!(_mm512_cmple_epu32_mask(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn shares_bits(self, b: Self) -> M {
+        M(simd!(_mm512_test_epi32_mask(self.0, b.0)))
+    }
+    #[inline(always)]
+    fn or_zero(self, mask: M) -> Self {
+        Self(simd!(_mm512_maskz_mov_epi32(mask.0, self.0)))
     }
 }
 

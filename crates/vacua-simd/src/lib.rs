@@ -164,8 +164,10 @@ pub fn prefetch<T>(slice: &[T], index: usize) {
         unsafe {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
             _mm_prefetch::<_MM_HINT_T0>(first);
-            // An element that is no whole line may end in the next one.
-            _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(size_of::<T>() - 1));
+            // An element longer than its alignment may end in the next line.
+            if size_of::<T>() > align_of::<T>() {
+                _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(size_of::<T>() - 1));
+            }
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
@@ -288,6 +290,8 @@ pub trait Float:
     fn floor(self) -> Self;
     /// Rounds to the nearest integer, ties to even.
     fn round(self) -> Self;
+    /// What truncation takes away, exactly: `self − trunc(self)`, for numbers below 2³¹ in size.
+    fn fraction(self) -> Self;
     /// Absolute value.
     fn abs(self) -> Self;
     /// Square root, correctly rounded.
@@ -356,6 +360,18 @@ pub trait Int: Copy + Debug + Add<Output = Self> + Sub<Output = Self> + Mul<Outp
     fn lt(self, b: Self) -> Self::M;
     /// `self == b`.
     fn eq(self, b: Self) -> Self::M;
+    /// `self <= b`, both taken as unsigned.
+    #[inline(always)]
+    fn le_unsigned(self, b: Self) -> Self::M {
+        self.min_unsigned(b).eq(self)
+    }
+    /// Whether any bit is set in both.
+    #[inline(always)]
+    fn shares_bits(self, b: Self) -> Self::M {
+        !self.and(b).eq(Self::splat(0))
+    }
+    /// `self` where the mask is set, else 0.
+    fn or_zero(self, mask: Self::M) -> Self;
 }
 
 /// Sixteen booleans.
@@ -370,5 +386,10 @@ pub trait Mask:
     #[inline(always)]
     fn any(self) -> bool {
         self.to_bits() != 0
+    }
+    /// Whether all lanes are set.
+    #[inline(always)]
+    fn all(self) -> bool {
+        self.to_bits() == u16::MAX
     }
 }

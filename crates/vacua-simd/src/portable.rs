@@ -128,6 +128,10 @@ impl Float for F {
         Self(self.0.map(f32::floor))
     }
     #[inline(never)]
+    fn fraction(self) -> Self {
+        Self(self.0.map(|v| v - v.trunc()))
+    }
+    #[inline(never)]
     fn round(self) -> Self {
         Self(self.0.map(f32::round_ties_even))
     }
@@ -280,6 +284,12 @@ impl Int for I {
     #[inline(never)]
     fn eq(self, b: Self) -> M {
         mask(|i| self.0[i] == b.0[i])
+    }
+    #[inline(never)]
+    fn or_zero(self, mask: M) -> Self {
+        Self(from_fn(
+            |i| if mask.0 >> i & 1 == 1 { self.0[i] } else { 0 },
+        ))
     }
 }
 

@@ -58,6 +58,7 @@ impl Kernel for Operations {
             i.and(j),
             i.shl::<5>(),
             i.shr(shifts),
+            i.or_zero(m),
         ];
         let mut out: Vec<u32> = floats
             .iter()
@@ -65,7 +66,13 @@ impl Kernel for Operations {
             .map(f32::to_bits)
             .collect();
         out.extend(ints.iter().flat_map(|i| i.to_array()).map(|v| v as u32));
-        out.extend([u32::from(m.to_bits()), u32::from(n.to_bits())]);
+        let unsigned = [i.le_unsigned(j), j.le_unsigned(j), i.shares_bits(shifts)];
+        out.extend(
+            [m, n]
+                .iter()
+                .chain(&unsigned)
+                .map(|m| u32::from(m.to_bits())),
+        );
         out.push(u32::from(in_bits.to_bits()));
         let [mut sums, _] = a.blocks();
         b.add_blocks_to(&mut sums);
@@ -73,6 +80,13 @@ impl Kernel for Operations {
         out.extend(ends.map(f32::to_bits));
         let kept = m.to_bits().count_ones() as usize;
         out.extend(a.compress(m).to_array()[..kept].iter().map(|v| v.to_bits()));
+        let small = a.abs().le(S::F::splat(1e9));
+        out.extend(
+            a.or_zero(small)
+                .fraction()
+                .to_array()
+                .map(|v| (v + 0.0).to_bits()),
+        );
         let finite = a.abs().le(S::F::splat(f32::MAX));
         // Adding 0 makes one zero of two.
         out.extend(

@@ -28,7 +28,7 @@ mod rectangles;
 pub use boundary::{BoundaryMesh, Quad, boundary_triangle_bound};
 pub use boxes::{BoxSkip, cluster_boxes};
 pub use grid::GridSkip;
-pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS, locate_unit};
+pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS, locate_units};
 pub use macrocells::{Macrocells, PointSource};
 pub use mask::{ActiveMask, Activity};
 pub use mesh::{BoundaryHit, MeshSkip};

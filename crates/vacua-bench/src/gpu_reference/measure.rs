@@ -200,15 +200,9 @@ fn picture(
         0 => Cell::empty("no places were asked for"),
         count => {
             let places = random_places(gpu, count);
-            // Where subgroups may search together, the better of both ways.
-            let ways = [true, false].map(|together| {
-                gpu.set_together(together);
-                rate(gpu, &places)
-            });
-            gpu.set_together(true);
-            match ways {
-                [Ok(a), Ok(b)] => Cell::Value(a.max(b)),
-                [Err(why), _] | [_, Err(why)] => Cell::empty(why.to_string()),
+            match rate(gpu, &places) {
+                Ok(rate) => Cell::Value(rate),
+                Err(why) => Cell::empty(why.to_string()),
             }
         }
     };

@@ -12,6 +12,11 @@ use crate::error::GpuError;
 /// Macrocell sides that are tried.
 const SIDES: [usize; 2] = [16, 8];
 
+/// A side that is tried by the walk where the finer of those was the faster, and most macrocells of it:
+/// beyond, they take more memory and time after an edit than frames are worth.
+const FINE_SIDE: usize = 4;
+const MOST_FINE: usize = 1 << 25;
+
 /// The same over packed meshes, whose lattice cubes hold a few cells each.
 const MESH_SIDES: [usize; 3] = [8, 4, 2];
 
@@ -110,6 +115,9 @@ impl GpuRenderer {
         }
         let num = |r: &Self, side| r.macrocells.get(&side).map_or(1, |m| m.len() as usize);
         let part = self.num_active as f64 / num(self, sides[sides.len() - 1]) as f64;
+        if self.mesh.is_none() && settings.macrocell_side.is_none() && self.wants_fine(&contest) {
+            contest.enter(self, scene, settings, walk(FINE_SIDE))?;
+        }
         let tracers = match self.options.tracer {
             Some(tracer) => vec![tracer],
             None => self.tracers(),
@@ -151,6 +159,17 @@ impl GpuRenderer {
     }
 }
 
+impl GpuRenderer {
+    /// Whether macrocells of the fine side are worth trying.
+    fn wants_fine(&self, contest: &Contest) -> bool {
+        let finest = SIDES[SIDES.len() - 1];
+        let is_fastest = contest.best().is_some_and(|(plan, _)| plan.side == finest);
+        let finer = (finest / FINE_SIDE).pow(3);
+        let num = self.macrocells.get(&finest).map_or(0, |m| m.len() as usize);
+        is_fastest && num.saturating_mul(finer) <= MOST_FINE
+    }
+}
+
 /// The walk over the distance map.
 fn walk(side: usize) -> Plan {
     Plan {
@@ -185,7 +204,7 @@ impl Contest {
                 Ok(secs)
             }
             Err(GpuError::Unsupported { .. } | GpuError::Memory { .. })
-                if plan != walk(plan.side) =>
+                if plan != walk(plan.side) || plan.side == FINE_SIDE =>
             {
                 Ok(f64::INFINITY)
             }

@@ -30,11 +30,12 @@ impl GpuRenderer {
         Ok(Some(bytemuck::pod_collect_to_vec(&bytes)))
     }
 
-    /// The distance map of the last picture that was made with one, as the device has it, for tests.
+    /// The map of macrocells of the last picture that was made with one, as the device has it, for tests: a
+    /// byte each, as `lattice.glsl` says.
     ///
     /// # Errors
     /// What the driver says.
-    pub fn distances(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
+    pub fn macrocell_map(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
         let Some(SkipKey { side, .. }) = self.skip.filter(|_| self.has_distances) else {
             return Ok(None);
         };

@@ -11,7 +11,7 @@ use super::pipelines::{Shader, Special, special, special_of};
 use super::{GpuRenderer, Look, Plan, Share, Tables};
 use crate::error::GpuError;
 use crate::frame::Picture;
-use crate::shared::{Parameters, Push};
+use crate::shared::{MAX_REACH, Parameters, Push};
 use crate::skip::DeviceMacrocells;
 use crate::table::DeviceTable;
 use crate::view;
@@ -88,7 +88,7 @@ impl GpuRenderer {
         if let Some(volume) = &self.volume {
             fill_voxels(&mut parameters, volume);
         }
-        parameters.picture[2] = u32::from(self.options.reach.max(1));
+        parameters.picture[2] = u32::from(self.options.reach.clamp(1, MAX_REACH));
         parameters.picture[3] = self.share.bits();
         if uses_mask && !self.macrocells.contains_key(&plan.side) {
             let mut cells = DeviceMacrocells::new(&self.device, &lattice)?;

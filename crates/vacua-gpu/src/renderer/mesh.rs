@@ -10,22 +10,18 @@ use vacua_render::contract::PackedCells;
 use vacua_volume::{Association, ValueScale};
 
 use super::pipelines::Special;
+use super::subgroups::{Kept, Parts, Subgroups};
 use super::submit::Marcher;
-use super::{GpuRenderer, Tables};
+use super::{GpuRenderer, Search, Tables};
 use crate::error::GpuError;
-use crate::mesh::{BEAM_QUADS, DeviceMesh, MeshBytes, MeshHeader, STACK, mesh_constant};
+use crate::mesh::{DeviceMesh, MeshBytes, MeshHeader, mesh_constant};
 use crate::reference::{Held, MeshReference};
 use crate::shaders;
 use crate::shared::{Parameters, Push, constant, words};
-use crate::vulkan::{
-    Buffer, ComputePipeline, Constant, DeviceInfo, DeviceKind, Layout, Place, Recorder,
-};
+use crate::vulkan::{Buffer, ComputePipeline, Constant, Layout, Place, Recorder};
 
 /// Places a row, where rays find the cells of many.
 const LAUNCH_WIDTH: u32 = 1 << 12;
-
-/// Subgroups of 32 lanes in a workgroup that is to keep down what registers each gets.
-const MANY_SUBGROUPS: u32 = 12;
 
 /// A compute shader over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -63,66 +59,6 @@ impl MeshPipelines {
         let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
         self.0.insert(key, pipeline.clone());
         Ok(pipeline)
-    }
-}
-
-/// How a device's subgroups search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Subgroups {
-    /// Lanes of one.
-    lanes: u32,
-    /// Of a workgroup.
-    count: u32,
-    /// Whether lanes search together, which takes eight of them.
-    together: bool,
-}
-
-impl Subgroups {
-    /// Least lanes that search together: the children of a node.
-    const LEAST: u32 = 8;
-
-    fn new(info: &DeviceInfo, lanes: u32, together: bool, has_others: bool, bytes: u32) -> Self {
-        // Mesa's lavapipe has all subgroups of a workgroup wait where one does. Elsewhere the shared memory
-        // that every device should have is enough for four that look for tetrahedra. Where maps are
-        // inverted, an H100's driver gives each lane 255 registers, and so runs 8 subgroups at a time;
-        // workgroups of 12 have it make do with 168, 7 % faster.
-        let has_room = info.max_shared_bytes >= MANY_SUBGROUPS * bytes
-            && info.max_invocations >= MANY_SUBGROUPS * lanes;
-        let count = match (info.kind, lanes) {
-            (DeviceKind::Cpu, _) => 1,
-            (_, 32) if has_others && has_room => MANY_SUBGROUPS,
-            (_, 0..=32) if !has_others => 4,
-            (_, 0..=8) => 4,
-            _ => 1,
-        };
-        Self {
-            lanes,
-            count,
-            together: together && lanes >= Self::LEAST,
-        }
-    }
-
-    fn constants(self) -> [Constant; 4] {
-        use mesh_constant::*;
-        let constant = |id, bits| Constant { id, bits };
-        [
-            constant(TOGETHER, u32::from(self.together)),
-            constant(LANES, self.lanes),
-            constant(SUBGROUPS, self.count),
-            constant(INVOCATIONS, self.invocations()),
-        ]
-    }
-
-    /// Invocations of a workgroup.
-    pub(super) fn invocations(self) -> u32 {
-        self.lanes * self.count
-    }
-
-    /// Workgroups of the march: tiles about as wide as high, one below the other.
-    pub(super) fn tiles(self, width: u32, height: u32) -> [u32; 3] {
-        let columns = 1 << self.lanes.ilog2().div_ceil(2);
-        let rows = self.lanes / columns * self.count;
-        [width.div_ceil(columns), height.div_ceil(rows), 1]
     }
 }
 
@@ -166,10 +102,14 @@ impl GpuRenderer {
         self.mesh.as_ref().map(|m| m.bytes)
     }
 
-    /// Chooses whether the rays of a subgroup search a mesh together, as they do unless told
-    /// otherwise, or each on its own; pictures do not depend on it.
-    pub fn set_together(&mut self, together: bool) {
-        self.options.together = together;
+    /// Chooses how rays search a mesh, together unless told otherwise; pictures do not depend on it.
+    pub fn set_search(&mut self, rays: Search) {
+        self.options.rays = rays;
+    }
+
+    /// Chooses how a list of places searches a mesh, each on its own unless told otherwise.
+    pub fn set_places_search(&mut self, places: Search) {
+        self.options.places = places;
     }
 
     /// Holds the next meshes in an encoding that the packed one is compared with, or as they are packed
@@ -179,22 +119,20 @@ impl GpuRenderer {
         self.forget();
     }
 
-    /// How subgroups search; `needs_parts` if it must be known in which sub-mesh a cell other than a
-    /// tetrahedron is.
-    pub(super) fn subgroups(&self, needs_parts: bool) -> Result<Subgroups, GpuError> {
-        match self.device.info().subgroup_lanes {
-            Some(lanes) => {
-                let mesh = self.mesh.as_ref();
-                let has_others = mesh.is_some_and(DeviceMesh::has_others);
-                let bytes = mesh.map_or(0, |m| m.shared_bytes(lanes, needs_parts));
-                let (info, together) = (self.device.info(), self.options.together);
-                Ok(Subgroups::new(info, lanes, together, has_others, bytes))
-            }
-            None => Err(GpuError::Unsupported {
-                what: "a mesh (no ballots among lanes)".to_owned(),
-                device: self.device.name().to_owned(),
-            }),
-        }
+    /// How subgroups search that know of some cells in which sub-mesh they are.
+    pub(super) fn subgroups(&self, search: Search, parts: Parts) -> Result<Subgroups, GpuError> {
+        let info = self.device.info();
+        let Some(lanes) = info.subgroup_lanes else {
+            return Err(self.unsupported("a mesh (no ballots among lanes)"));
+        };
+        let mesh = self.mesh.as_ref();
+        let kept = Kept {
+            tets: mesh.is_some_and(DeviceMesh::has_tets),
+            others: mesh.is_some_and(DeviceMesh::has_others),
+            cell_data: mesh.is_some_and(DeviceMesh::is_of_cell_data),
+            parts: parts == Parts::OfAll,
+        };
+        Ok(Subgroups::new(info, lanes, search, kept))
     }
 
     /// Sends a scene's mesh to the device.
@@ -204,7 +142,7 @@ impl GpuRenderer {
         scale: ValueScale,
         cells: PackedCells,
     ) -> Result<(), GpuError> {
-        self.subgroups(true)?;
+        self.subgroups(self.options.rays, Parts::OfAll)?;
         self.check_variant(&cells)?;
         if cells.mesh().num_cells() == 0 {
             return Err(GpuError::Unsupported {
@@ -294,7 +232,7 @@ impl GpuRenderer {
     /// # Errors
     /// What the driver says; that cells are found by rays where there are no ray tracing pipelines.
     pub fn sample_mesh(&mut self, places: &[[f32; 3]]) -> Result<Vec<MeshSample>, GpuError> {
-        let subgroups = self.subgroups(true)?;
+        let subgroups = self.subgroups(self.options.places, Parts::OfAll)?;
         let Some(mesh) = &self.mesh else {
             return Ok(Vec::new());
         };
@@ -360,7 +298,11 @@ impl GpuRenderer {
 
     /// What makes pictures of the mesh.
     pub(super) fn mesh_marcher(&mut self, special: Special) -> Result<Marcher, GpuError> {
-        let subgroups = self.subgroups(special[constant::SHADED as usize] != 0)?;
+        let parts = match special[constant::SHADED as usize] {
+            0 => Parts::OfTetrahedra,
+            _ => Parts::OfAll,
+        };
+        let subgroups = self.subgroups(self.options.rays, parts)?;
         let Some(mesh) = &self.mesh else {
             return Err(self.unsupported("no mesh"));
         };
@@ -371,9 +313,15 @@ impl GpuRenderer {
             constant::SHADED,
             constant::MAXIMUM,
         ];
+        // Where there are other cells than tetrahedra it is asked at run time.
+        let is_asked = |id| id == constant::SKIPPING && mesh.has_others();
         constants.extend(of_settings.map(|id| Constant {
             id,
-            bits: special[id as usize],
+            bits: if is_asked(id) {
+                1
+            } else {
+                special[id as usize]
+            },
         }));
         if mesh.is_traced() {
             let held = mesh.held;
@@ -387,26 +335,21 @@ impl GpuRenderer {
 }
 
 impl DeviceMesh {
-    /// Bytes of shared memory that a subgroup searches with; as in `mesh_search.glsl`.
-    fn shared_bytes(&self, lanes: u32, needs_parts: bool) -> u32 {
-        const BLOCK: u32 = 8;
+    /// Whether there are tetrahedra.
+    fn has_tets(&self) -> bool {
         let [tets, ..] = self.cells.mesh().num_cells_by_type();
-        let is_cell_data = self.cells.field().association() == Association::Cell;
-        let when = |is_so: bool, words: u32| if is_so { words } else { 0 };
-        let of_tets = 6 + when(is_cell_data, 4 + BLOCK);
-        let of_others = 4 + BLOCK + when(is_cell_data, 4);
-        let a_lane = 2
-            + BLOCK
-            + when(tets > 0, of_tets)
-            + when(self.has_others(), of_others)
-            + when(tets > 0 || needs_parts, BLOCK);
-        4 * (STACK + 4 * BEAM_QUADS + a_lane * lanes)
+        tets > 0
     }
 
     /// Whether there are other cells than tetrahedra.
     fn has_others(&self) -> bool {
         let [_, others @ ..] = self.cells.mesh().num_cells_by_type();
         others.iter().any(|&n| n > 0)
+    }
+
+    /// Whether values are those of cells.
+    fn is_of_cell_data(&self) -> bool {
+        self.cells.field().association() == Association::Cell
     }
 
     /// Workgroups of shaders that look at every node: some a sub-mesh, a row each.
@@ -437,13 +380,11 @@ impl Tables {
 
 /// What all shaders over a mesh are specialised for.
 pub(super) fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant> {
-    let is_cell_data = mesh.cells.field().association() == Association::Cell;
     let constant = |id, bits| Constant { id, bits };
-    let [tets, ..] = mesh.cells.mesh().num_cells_by_type();
     let mut all = vec![
         constant(mesh_constant::HELD, mesh.held as u32),
         constant(mesh_constant::ONLY_KIND, mesh.only_kind),
-        constant(mesh_constant::HAS_TETS, u32::from(tets > 0)),
+        constant(mesh_constant::HAS_TETS, u32::from(mesh.has_tets())),
         constant(mesh_constant::HAS_OTHERS, u32::from(mesh.has_others())),
         constant(mesh_constant::VALUE_TYPE, mesh.value_type as u32),
         constant(mesh_constant::INNER_NODES, u32::from(!mesh.is_of_leaves())),
@@ -451,7 +392,7 @@ pub(super) fn constants(mesh: &DeviceMesh, subgroups: Subgroups) -> Vec<Constant
             mesh_constant::VARYING,
             u32::from(mesh.cells.minima().is_some()),
         ),
-        constant(constant::CELL_DATA, u32::from(is_cell_data)),
+        constant(constant::CELL_DATA, u32::from(mesh.is_of_cell_data())),
     ];
     all.extend(subgroups.constants());
     all

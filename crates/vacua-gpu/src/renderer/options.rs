@@ -11,6 +11,16 @@ pub enum Tracer {
     Query,
 }
 
+/// How the lanes of a subgroup look for the cells of a packed mesh, or for what is active ahead of them in
+/// a grid; what they find is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Search {
+    /// Once for all of them, around the box that their places lie in: for rays next to each other.
+    Together,
+    /// Each on its own: for places all over a mesh, whose box would be most of it.
+    Alone,
+}
+
 /// How acceleration structures are made (paper A §4.2.3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StructureOptions {
@@ -25,7 +35,7 @@ pub struct StructureOptions {
 /// How the renderer works; pictures do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
-    /// Farthest distance in the distance map, in macrocells, 1 to 255; 1 makes it a plain mask.
+    /// Farthest distance in the distance map, in macrocells, 1 to 127; 1 makes it a plain mask.
     pub reach: u8,
     /// Slices an image may have, if fewer than the device allows.
     pub max_layers: Option<u32>,
@@ -37,8 +47,10 @@ pub struct GpuOptions {
     pub least_pixels: usize,
     /// Bytes a part of a packed mesh may have in one buffer, if fewer than the device allows.
     pub max_buffer_bytes: Option<u64>,
-    /// Whether the rays of a subgroup search a packed mesh together.
-    pub together: bool,
+    /// How rays search a packed mesh, and look ahead in a uniform grid.
+    pub rays: Search,
+    /// How a list of places searches a packed mesh.
+    pub places: Search,
 }
 
 impl Default for GpuOptions {
@@ -50,7 +62,8 @@ impl Default for GpuOptions {
             structures: StructureOptions::default(),
             least_pixels: 1 << 18,
             max_buffer_bytes: None,
-            together: true,
+            rays: Search::Together,
+            places: Search::Alone,
         }
     }
 }

@@ -6,17 +6,20 @@ use std::sync::Arc;
 use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 
 use super::finder::tiles;
-use super::job::{Preparation, pass};
-use super::mesh::Subgroups;
-use super::pipelines::Shader;
+use super::job::{Job, Preparation, pass};
+use super::options::Search;
+use super::pipelines::{Beams, Shader};
+use super::subgroups::Subgroups;
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
-use crate::shared::Push;
+use crate::shared::{Push, constant};
 use crate::vulkan::{ComputePipeline, RayPipeline, Recorder, Timings};
 
 /// What makes the pixels.
 pub(super) enum Marcher {
     Voxels(Arc<ComputePipeline>),
+    /// In tiles that subgroups take in turn.
+    Beams(Arc<ComputePipeline>, Beams),
     /// In squares of eight pixels a side.
     Squares(Arc<ComputePipeline>),
     Rays(Arc<RayPipeline>),
@@ -29,6 +32,9 @@ impl Marcher {
     pub(super) fn record(&self, recorder: &Recorder<'_>, push: &Push, size: [u32; 2]) {
         match self {
             Self::Voxels(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
+            Self::Beams(pipeline, beams) => {
+                recorder.dispatch(pipeline, push, beams.groups(size));
+            }
             Self::Squares(pipeline) => {
                 let groups = [size[0].div_ceil(8), size[1].div_ceil(8), 1];
                 recorder.dispatch(pipeline, push, groups);
@@ -70,11 +76,20 @@ impl GpuRenderer {
         let marcher = if self.mesh.is_some() {
             self.mesh_marcher(job.special)?
         } else {
-            let shader = match &finder {
-                Some(_) => Shader::MarchRuns,
-                None => Shader::March,
+            let beams = match &finder {
+                Some(_) => None,
+                None => self.beams(&job),
             };
-            Marcher::Voxels(self.pipelines.get(&self.layout, shader, job.special)?)
+            let shader = match (&finder, beams) {
+                (Some(_), _) => Shader::MarchRuns,
+                (None, Some(beams)) => Shader::MarchBeams(beams),
+                (None, None) => Shader::March,
+            };
+            let pipeline = self.pipelines.get(&self.layout, shader, job.special)?;
+            match beams {
+                Some(beams) => Marcher::Beams(pipeline, beams),
+                None => Marcher::Voxels(pipeline),
+            }
         };
         let overlay = match settings.overlay {
             Overlay::None => None,
@@ -116,11 +131,21 @@ impl GpuRenderer {
                 Self::record_outline(recorder, pending, outline, &job, write);
             }
             for frame in frames.filter(|_| !is_empty) {
-                let push = pass(job.push, settings, frame, num_frames);
+                let mut push = pass(job.push, settings, frame, num_frames);
+                if !is_skipping {
+                    push.skip = 0;
+                }
                 if let Some(finder) = &finder {
                     recorder.stage("find", |r| finder.record(r, &push, size));
                 }
-                recorder.stage("march", |r| marcher.record(r, &push, size));
+                recorder.stage("march", |r| {
+                    if matches!(marcher, Marcher::Beams(..)) {
+                        // The next tile, behind the number of active macrocells.
+                        r.clear_word(&tables.counter, 1);
+                        r.barrier();
+                    }
+                    marcher.record(r, &push, size);
+                });
             }
             if let Some(overlay) = overlay.as_ref().filter(|_| is_last && !is_empty) {
                 recorder.stage("overlay", |r| r.dispatch(overlay, &job.push, tiles(size)));
@@ -147,6 +172,16 @@ impl GpuRenderer {
             self.num_active = counted[0] as usize;
         }
         Ok(timings)
+    }
+
+    /// How subgroups look ahead together, if they do.
+    fn beams(&self, job: &Job) -> Option<Beams> {
+        let is_uniform = job.special[constant::RECTILINEAR as usize] == 0;
+        let is_shaded = job.special[constant::SHADED as usize] != 0;
+        let beams = Beams::new(self.device.info(), is_shaded);
+        let is_skipping = job.special[constant::SKIPPING as usize] != 0;
+        let suits = |beams: &Beams| !is_skipping || beams.are_narrow(&job.parameters);
+        beams.filter(|beams| is_uniform && self.options.rays == Search::Together && suits(beams))
     }
 
     /// How a plan traces rays, if it does.

@@ -9,6 +9,7 @@ use vacua_pack::Nodes;
 use vacua_render::contract::PackedCells;
 
 use super::mesh::{MeshShader, constants};
+use super::subgroups::Parts;
 use super::submit::Marcher;
 use super::{GpuRenderer, Tracer};
 use crate::error::GpuError;
@@ -133,7 +134,7 @@ impl GpuRenderer {
         let fill = self.mesh_pipelines.get(
             &self.layout,
             MeshShader::Boxes,
-            constants(mesh, self.subgroups(true)?),
+            constants(mesh, self.subgroups(self.options.rays, Parts::OfAll)?),
         )?;
         let push = Push {
             planes: mesh.header.address(),

@@ -365,6 +365,12 @@ fn both_sides_agree_on_constants() {
     let runs = include_str!("../runs.glsl");
     assert!(runs.contains(&format!("MAX_RUNS = {MAX_RUNS};")));
     assert!(runs.contains(&format!("RUN_STRIDE = {};", TILE * TILE)));
+    let all = [
+        text,
+        include_str!("../beam.glsl"),
+        include_str!("../march_beams_stage.glsl"),
+    ]
+    .concat();
     for (id, name) in [
         (constant::SKIPPING, "SKIPPING"),
         (constant::CELL_DATA, "CELL_DATA"),
@@ -375,8 +381,10 @@ fn both_sides_agree_on_constants() {
         (constant::BLANKED, "BLANKED"),
         (constant::RECTILINEAR, "RECTILINEAR"),
         (constant::NUM_SLABS, "NUM_SLABS"),
+        (constant::LANES, "LANES"),
+        (constant::SUBGROUPS, "SUBGROUPS"),
     ] {
-        let line = text
+        let line = all
             .lines()
             .find(|line| line.contains(&format!("constant_id = {id})")));
         assert!(
@@ -384,4 +392,6 @@ fn both_sides_agree_on_constants() {
             "{name}"
         );
     }
+    let invocations = format!("local_size_x_id = {}", constant::INVOCATIONS);
+    assert!(all.contains(&invocations));
 }

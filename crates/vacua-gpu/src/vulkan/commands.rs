@@ -263,6 +263,17 @@ impl Recorder<'_> {
         }
     }
 
+    /// Clears one word of a buffer to zero.
+    pub fn clear_word(&self, buffer: &Buffer, index: u64) {
+        debug_assert!(4 * (index + 1) <= buffer.size_bytes());
+        // SAFETY: a word of a buffer that is alive.
+        unsafe {
+            let (to, place) = (buffer.raw(), 4 * index);
+            self.raw()
+                .cmd_fill_buffer(self.commands.buffer, to, place, 4, 0);
+        }
+    }
+
     /// Copies the first bytes of one buffer to a place in another.
     pub fn copy(&self, from: &Buffer, to: &Buffer, to_offset: u64, bytes: u64) {
         self.copy_between((from, 0), (to, to_offset), bytes);

@@ -89,7 +89,7 @@ pub struct DeviceInfo {
     pub(crate) max_allocation_bytes: u64,
     pub(crate) has_budget: bool,
     pub(crate) ray_tracing: Option<RayTracing>,
-    /// Lanes of a subgroup, if they can vote, ballot and shuffle.
+    /// Lanes of a subgroup, if they can vote, ballot, shuffle and find the least of all.
     pub(crate) subgroup_lanes: Option<u32>,
 }
 
@@ -386,7 +386,8 @@ impl Instance {
                 .contains(
                     vk::SubgroupFeatureFlags::VOTE
                         | vk::SubgroupFeatureFlags::BALLOT
-                        | vk::SubgroupFeatureFlags::SHUFFLE,
+                        | vk::SubgroupFeatureFlags::SHUFFLE
+                        | vk::SubgroupFeatureFlags::ARITHMETIC,
                 )
                 .then_some(limits_11.subgroup_size),
         }

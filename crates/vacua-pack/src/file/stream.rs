@@ -305,8 +305,8 @@ fn pack_fields(mut submesh: EncodedSubmesh, fields: &[FieldInput]) -> Made {
                 (Vec::new(), bytemuck::allocation::pod_collect_to_vec(&part.values))
             };
             FieldBytesOfPart {
-                ends: part.ranges.ends(),
-                slots: part.ranges.slots,
+                ends: part.ends,
+                slots: part.slots,
                 cells_before: match field.association {
                     Association::Cell if !is_small => cells_before(&view),
                     _ => Vec::new(),
