@@ -20,14 +20,15 @@ pub(crate) struct DeviceTable {
 
 impl DeviceTable {
     pub fn new(table: &TransferTable) -> Self {
-        let largest = table.extinction().iter().copied().fold(0.0, f32::max);
+        let largest = table
+            .entries()
+            .iter()
+            .map(|entry| entry[3])
+            .fold(0.0, f32::max);
         let part = if largest > 0.0 { largest.recip() } else { 0.0 };
-        let entries: Vec<[f16; 4]> = (0..=TRANSFER_BINS)
-            .map(|i| {
-                let [r, g, b] = [0, 1, 2].map(|c| table.rgb(c)[i]);
-                [r, g, b, table.extinction()[i] * part].map(f16::from_f32)
-            })
-            .collect();
+        let halves =
+            |&[r, g, b, extinction]: &[f32; 4]| [r, g, b, extinction * part].map(f16::from_f32);
+        let entries: Vec<[f16; 4]> = table.entries().iter().map(halves).collect();
         let mut next_active = vec![TRANSFER_BINS as u32; TRANSFER_BINS + 1];
         for bin in (0..TRANSFER_BINS).rev() {
             let is_active = [bin, bin + 1].iter().any(|&i| entries[i][3] > f16::ZERO);
@@ -90,7 +91,7 @@ mod tests {
             "extinction per metre of nanometre data"
         );
         for i in 0..=TRANSFER_BINS {
-            let expected = table.extinction()[i];
+            let expected = table.entries()[i][3];
             let found = device.entries[i][3].to_f32() * device.scale[2];
             assert!((found - expected).abs() <= 6e-4 * expected, "{i}");
         }

@@ -137,13 +137,15 @@ fn table_place<S: Simd>(table: &TransferTable, value: S::F) -> TablePlace<S> {
 }
 
 impl<S: Simd> TablePlace<S> {
-    /// Interpolates one column of the table.
+    /// Linear-light colour and extinction.
     #[inline(always)]
-    fn lookup(self, column: &[f32]) -> S::F {
-        debug_assert_eq!(column.len(), TRANSFER_BINS + 1);
-        // SAFETY: bins are at most `TRANSFER_BINS − 1`, columns have one entry more than bins.
-        let (a, b) = unsafe { S::gather_pair(column, self.bin) };
-        self.fraction.mul_add(b - a, a)
+    fn look_up(self, table: &TransferTable) -> ([S::F; 3], S::F) {
+        let entries = table.entries();
+        debug_assert_eq!(entries.len(), TRANSFER_BINS + 1);
+        // SAFETY: bins are at most `TRANSFER_BINS − 1`, of which there is one entry more.
+        let [a, b] = unsafe { S::gather_rows(entries, self.bin) };
+        let at = |c: usize| self.fraction.mul_add(b[c] - a[c], a[c]);
+        ([at(0), at(1), at(2)], at(3))
     }
 }
 
@@ -269,8 +271,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
         pair: BlockPair,
         sampled: Sampled<S, &V::Place>,
     ) -> bool {
-        let table_place = table_place::<S>(self.table, sampled.value);
-        let extinction = table_place.lookup(self.table.extinction());
+        let (mut rgb, extinction) = table_place::<S>(self.table, sampled.value).look_up(self.table);
         let seen = sampled.seen & S::F::splat(0.0).lt(extinction);
         if !seen.any() {
             return true;
@@ -285,7 +286,6 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
         let a_ends = front_b < self.termination;
         let front = S::F::of_blocks(front_a, if a_ends { 0.0 } else { front_b });
         let weight = (front * exclusive) * alpha;
-        let mut rgb = per_axis!(c => table_place.lookup(self.table.rgb(c)));
         if let Some(lights) = self.lights {
             let at = positions::<S>(&self.tile.lanes[i], numbers::<S>(pair));
             let gradient = self.sampler.gradient::<S>(at, sampled.place);

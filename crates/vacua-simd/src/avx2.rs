@@ -486,40 +486,43 @@ fn clamped_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
     ]
 }
 
-/// The coordinates of eight points, axis by axis.
+/// Four numbers from the beginning of each item, number by number.
 ///
 /// # Safety
-/// Each of the eight numbers from `index[from]` on is of a point of the slice at `base`, and not of
-/// the last one.
+/// From each item on four numbers can be read.
 #[inline(always)]
-unsafe fn eight_points(
-    base: *const [f32; 3],
-    index: &[u32; LANES],
-    from: usize,
-) -> (__m256, __m256, __m256) {
-    // SAFETY: the caller's promise: four numbers can be read at each point.
-    unsafe {
-        macro_rules! two {
-            ($i:expr) => {
-                _mm256_insertf128_ps::<1>(
-                    _mm256_castps128_ps256(_mm_loadu_ps(
-                        base.add(index[from + $i] as usize).cast(),
-                    )),
-                    _mm_loadu_ps(base.add(index[from + $i + 4] as usize).cast()),
-                )
-            };
-        }
-        let (a, b, c, d) = (two!(0), two!(1), two!(2), two!(3));
-        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
-        let (ab, cd) = (_mm256_castps_pd(ab), _mm256_castps_pd(cd));
-        let (ab_z, cd_z) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
-        let (ab_z, cd_z) = (_mm256_castps_pd(ab_z), _mm256_castps_pd(cd_z));
-        (
-            _mm256_castpd_ps(_mm256_unpacklo_pd(ab, cd)),
-            _mm256_castpd_ps(_mm256_unpackhi_pd(ab, cd)),
-            _mm256_castpd_ps(_mm256_unpacklo_pd(ab_z, cd_z)),
-        )
+unsafe fn quads<const N: usize>(base: *const [f32; N], index: &[u32; LANES]) -> [F; 4] {
+    macro_rules! eight {
+        ($from:expr) => {{
+            macro_rules! two {
+                ($i:expr) => {
+                    _mm256_insertf128_ps::<1>(
+                        _mm256_castps128_ps256(_mm_loadu_ps(base.add(index[$i] as usize).cast())),
+                        _mm_loadu_ps(base.add(index[$i + 4] as usize).cast()),
+                    )
+                };
+            }
+            let (a, b, c, d) = (
+                two!($from),
+                two!($from + 1),
+                two!($from + 2),
+                two!($from + 3),
+            );
+            let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+            let (ab, cd) = (_mm256_castps_pd(ab), _mm256_castps_pd(cd));
+            let (ab_z, cd_z) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+            let (ab_z, cd_z) = (_mm256_castps_pd(ab_z), _mm256_castps_pd(cd_z));
+            [
+                _mm256_castpd_ps(_mm256_unpacklo_pd(ab, cd)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(ab, cd)),
+                _mm256_castpd_ps(_mm256_unpacklo_pd(ab_z, cd_z)),
+                _mm256_castpd_ps(_mm256_unpackhi_pd(ab_z, cd_z)),
+            ]
+        }};
     }
+    // SAFETY: the caller's promise.
+    let ([x0, y0, z0, w0], [x1, y1, z1, w1]) = unsafe { (eight!(0), eight!(BLOCK)) };
+    [F(x0, x1), F(y0, y1), F(z0, z1), F(w0, w1)]
 }
 
 impl Simd for Avx2 {
@@ -571,6 +574,13 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
+    unsafe fn gather_rows(rows: &[[f32; 4]], index: I) -> [[F; 4]; 2] {
+        let index = index.to_array().map(|i| i as u32);
+        let first = rows.as_ptr();
+        // SAFETY: the caller keeps both rows within the slice.
+        unsafe { [quads(first, &index), quads(first.wrapping_add(1), &index)] }
+    }
+    #[inline(always)]
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
         // Points are loaded as four numbers, of which the last belongs to the next point.
         let limit = points.len().saturating_sub(1);
@@ -581,14 +591,10 @@ impl Simd for Avx2 {
         if largest as usize >= limit {
             return clamped_points(points, index);
         }
-        let base = points.as_ptr();
         // SAFETY: every number is below that of the last point, so that the point and one number
         // more lie within the slice.
-        unsafe {
-            let (x0, y0, z0) = eight_points(base, index, 0);
-            let (x1, y1, z1) = eight_points(base, index, BLOCK);
-            [F(x0, x1), F(y0, y1), F(z0, z1)]
-        }
+        let [x, y, z, _] = unsafe { quads(points.as_ptr(), index) };
+        [x, y, z]
     }
     #[inline(always)]
     fn nibbles(bytes: [u8; BLOCK]) -> I {

@@ -315,6 +315,41 @@ fn clamped_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
     ]
 }
 
+/// Four numbers from the beginning of each item, number by number.
+///
+/// # Safety
+/// From each item on four numbers can be read.
+#[inline(always)]
+unsafe fn quads<const N: usize>(base: *const [f32; N], index: &[u32; LANES]) -> [F; 4] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        macro_rules! load {
+            ($i:expr) => {
+                _mm_loadu_ps(base.add(index[$i] as usize).cast())
+            };
+        }
+        macro_rules! four {
+            ($i:expr) => {{
+                let v = _mm512_castps128_ps512(load!($i));
+                let v = _mm512_insertf32x4::<1>(v, load!($i + 4));
+                let v = _mm512_insertf32x4::<2>(v, load!($i + 8));
+                _mm512_insertf32x4::<3>(v, load!($i + 12))
+            }};
+        }
+        let (a, b, c, d) = (four!(0), four!(1), four!(2), four!(3));
+        let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
+        let (ab, cd) = (_mm512_castps_pd(ab), _mm512_castps_pd(cd));
+        let (ab_z, cd_z) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
+        let (ab_z, cd_z) = (_mm512_castps_pd(ab_z), _mm512_castps_pd(cd_z));
+        [
+            F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab, cd))),
+            F(_mm512_castpd_ps(_mm512_unpackhi_pd(ab, cd))),
+            F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab_z, cd_z))),
+            F(_mm512_castpd_ps(_mm512_unpackhi_pd(ab_z, cd_z))),
+        ]
+    }
+}
+
 /// Joins two halves.
 #[inline(always)]
 fn join(low: __m256, high: __m256) -> F {
@@ -590,6 +625,13 @@ impl Simd for Avx512 {
         I(unsafe { _mm512_i32gather_epi32::<4>(index.0, slice.as_ptr().cast()) })
     }
     #[inline(always)]
+    unsafe fn gather_rows(rows: &[[f32; 4]], index: I) -> [[F; 4]; 2] {
+        let index = index.to_array().map(|i| i as u32);
+        let first = rows.as_ptr();
+        // SAFETY: the caller keeps both rows within the slice.
+        unsafe { [quads(first, &index), quads(first.wrapping_add(1), &index)] }
+    }
+    #[inline(always)]
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
         // Points are loaded as four numbers, of which the last belongs to the next point.
         let limit = u32::try_from(points.len())
@@ -603,34 +645,10 @@ impl Simd for Avx512 {
         if within != u16::MAX {
             return clamped_points(points, index);
         }
-        let base = points.as_ptr();
         // SAFETY: every number is below that of the last point, so that the point and one number
         // more lie within the slice.
-        unsafe {
-            macro_rules! load {
-                ($i:expr) => {
-                    _mm_loadu_ps(base.add(index[$i] as usize).cast())
-                };
-            }
-            macro_rules! four {
-                ($i:expr) => {{
-                    let v = _mm512_castps128_ps512(load!($i));
-                    let v = _mm512_insertf32x4::<1>(v, load!($i + 4));
-                    let v = _mm512_insertf32x4::<2>(v, load!($i + 8));
-                    _mm512_insertf32x4::<3>(v, load!($i + 12))
-                }};
-            }
-            let (a, b, c, d) = (four!(0), four!(1), four!(2), four!(3));
-            let (ab, cd) = (_mm512_unpacklo_ps(a, b), _mm512_unpacklo_ps(c, d));
-            let (ab, cd) = (_mm512_castps_pd(ab), _mm512_castps_pd(cd));
-            let (ab_z, cd_z) = (_mm512_unpackhi_ps(a, b), _mm512_unpackhi_ps(c, d));
-            let (ab_z, cd_z) = (_mm512_castps_pd(ab_z), _mm512_castps_pd(cd_z));
-            [
-                F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab, cd))),
-                F(_mm512_castpd_ps(_mm512_unpackhi_pd(ab, cd))),
-                F(_mm512_castpd_ps(_mm512_unpacklo_pd(ab_z, cd_z))),
-            ]
-        }
+        let [x, y, z, _] = unsafe { quads(points.as_ptr(), index) };
+        [x, y, z]
     }
     #[inline(always)]
     fn gather_values(values: &[f32], index: &[u32; LANES]) -> F {

@@ -101,6 +101,12 @@ pub trait Simd: Copy + Debug + 'static {
     /// Every index lies within the slice.
     unsafe fn gather_u32(slice: &[u32], index: Self::I) -> Self::I;
 
+    /// `rows[i]` and `rows[i + 1]` a lane, column by column.
+    ///
+    /// # Safety
+    /// Every index is at least 0 and at most `rows.len() − 2`.
+    unsafe fn gather_rows(rows: &[[f32; 4]], index: Self::I) -> [[Self::F; 4]; 2];
+
     /// Three coordinates a lane, axis by axis, of the points with these numbers. A number past the end
     /// stands for the last point; without any point all is 0.
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [Self::F; 3];

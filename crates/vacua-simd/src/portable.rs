@@ -350,6 +350,14 @@ impl Simd for Portable {
         }))
     }
     #[inline(never)]
+    unsafe fn gather_rows(rows: &[[f32; 4]], index: I) -> [[F; 4]; 2] {
+        debug_assert!(index.0.iter().all(|&i| (i as usize) + 1 < rows.len()));
+        // SAFETY: the caller's promise.
+        let entry =
+            |lane: usize, row: usize| unsafe { rows.get_unchecked(index.0[lane] as usize + row) };
+        from_fn(|row| from_fn(|column| F(from_fn(|lane| entry(lane, row)[column]))))
+    }
+    #[inline(never)]
     fn gather_points(points: &[[f32; 3]], index: &[u32; LANES]) -> [F; 3] {
         let Some(last) = points.len().checked_sub(1) else {
             return [F([0.0; LANES]); 3];

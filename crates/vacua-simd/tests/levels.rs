@@ -193,6 +193,36 @@ proptest! {
     }
 }
 
+/// Rows by number.
+struct Rows<'a>(&'a [[f32; 4]], [i32; LANES]);
+
+impl Kernel for Rows<'_> {
+    type Output = [[[f32; LANES]; 4]; 2];
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Self::Output {
+        // SAFETY: the test below keeps all but the last row.
+        let rows = unsafe { S::gather_rows(self.0, S::I::from_array(self.1)) };
+        rows.map(|columns| columns.map(Float::to_array))
+    }
+}
+
+proptest! {
+    #[test]
+    fn rows_come_with_the_next_ones(len in 2usize..40, picks in prop::array::uniform16(any::<u16>())) {
+        let rows: Vec<[f32; 4]> = (0..len).map(|i| [0, 1, 2, 3].map(|c| (4 * i + c) as f32)).collect();
+        let index = picks.map(|pick| i32::from(pick) % (len as i32 - 1));
+        for level in Level::available() {
+            let found = dispatch_at(level, Rows(&rows, index));
+            for lane in 0..LANES {
+                for column in 0..4 {
+                    let first = rows[index[lane] as usize][column];
+                    prop_assert_eq!([found[0][column][lane], found[1][column][lane]], [first, first + 4.0]);
+                }
+            }
+        }
+    }
+}
+
 /// Points by number.
 struct Points<'a>(&'a [[f32; 3]], [u32; LANES]);
 

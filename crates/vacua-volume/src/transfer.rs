@@ -292,8 +292,7 @@ pub struct TransferTable {
     scale: ValueScale,
     lo: f32,
     bins_per_key: f32,
-    extinction: Vec<f32>,
-    rgb: [Vec<f32>; 3],
+    entries: Vec<[f32; 4]>,
     /// For each bin, the first bin at or after it with any extinction; one more entry than bins.
     next_active: Vec<u32>,
     /// A bit for each bin, set if it has any extinction.
@@ -337,20 +336,16 @@ impl TransferTable {
                 }
             }
         };
-        let extinction: Vec<f32> = (0..=TRANSFER_BINS)
-            .map(|e| function.extinction_at(value_at(e)) as f32)
-            .collect();
-        let mut rgb = [const { Vec::new() }; 3];
-        for e in 0..=TRANSFER_BINS {
-            let srgb = function.srgb_at(value_at(e));
-            for (column, encoded) in rgb.iter_mut().zip(srgb) {
-                column.push(linear_from_srgb(encoded) as f32);
-            }
-        }
+        let entry = |e: usize| {
+            let value = value_at(e);
+            let [r, g, b] = function.srgb_at(value).map(|c| linear_from_srgb(c) as f32);
+            [r, g, b, function.extinction_at(value) as f32]
+        };
+        let entries: Vec<[f32; 4]> = (0..=TRANSFER_BINS).map(entry).collect();
         let mut active_bins = [0; TRANSFER_BINS / 32];
         let mut next_active = vec![TRANSFER_BINS as u32; TRANSFER_BINS + 1];
         for bin in (0..TRANSFER_BINS).rev() {
-            let active = extinction[bin] > 0.0 || extinction[bin + 1] > 0.0;
+            let active = entries[bin][3] > 0.0 || entries[bin + 1][3] > 0.0;
             active_bins[bin / 32] |= u32::from(active) << (bin % 32);
             next_active[bin] = if active {
                 bin as u32
@@ -362,8 +357,7 @@ impl TransferTable {
             scale: function.scale,
             lo: lo32,
             bins_per_key,
-            extinction,
-            rgb,
+            entries,
             next_active,
             active_bins,
         }
@@ -384,14 +378,10 @@ impl TransferTable {
         self.bins_per_key
     }
 
-    /// Extinction per world length at the [`TRANSFER_BINS`] + 1 entries.
-    pub fn extinction(&self) -> &[f32] {
-        &self.extinction
-    }
-
-    /// Linear-light red (0), green (1) or blue (2) at the [`TRANSFER_BINS`] + 1 entries.
-    pub fn rgb(&self, channel: usize) -> &[f32] {
-        &self.rgb[channel]
+    /// The [`TRANSFER_BINS`] + 1 entries: linear-light red, green and blue, and extinction per world
+    /// length.
+    pub fn entries(&self) -> &[[f32; 4]] {
+        &self.entries
     }
 
     /// For each bin, the first bin at or after it with any extinction ([`TRANSFER_BINS`] if none).
@@ -427,11 +417,9 @@ impl TransferTable {
         let u = self.coordinate(value);
         let bin = (u as usize).min(TRANSFER_BINS - 1);
         let t = u - bin as f32;
-        let lerp = |a: &[f32]| t.mul_add(a[bin + 1] - a[bin], a[bin]);
-        (
-            lerp(&self.extinction),
-            [0, 1, 2].map(|c| lerp(&self.rgb[c])),
-        )
+        let (a, b) = (self.entries[bin], self.entries[bin + 1]);
+        let [r, g, b, extinction] = [0, 1, 2, 3].map(|c: usize| t.mul_add(b[c] - a[c], a[c]));
+        (extinction, [r, g, b])
     }
 
     /// Whether any value in `lo..=hi` has any extinction, in constant time.
