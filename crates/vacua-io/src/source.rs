@@ -55,6 +55,22 @@ impl ByteStore for Mapping {
     fn bytes(&self) -> &[u8] {
         &self.0
     }
+
+    #[cfg(target_os = "linux")]
+    fn release(&self, range_bytes: std::ops::Range<usize>) {
+        use memmap2::UncheckedAdvice;
+
+        let (from, len) = (range_bytes.start, range_bytes.len());
+        // SAFETY: pages of a read-only mapping of a file are dropped unwritten, and Linux fills them from
+        // the same file at the next access: nobody who reads them, now or later, sees other bytes.
+        let advised = unsafe {
+            self.0
+                .unchecked_advise_range(UncheckedAdvice::DontNeed, from, len)
+        };
+        if let Err(error) = advised {
+            tracing::debug!(%error, "pages stay in memory");
+        }
+    }
 }
 
 impl Source {
@@ -159,6 +175,25 @@ impl Source {
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_was_released_is_there_again() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("numbers.raw");
+        let numbers: Vec<u32> = (0..50_000).collect();
+        std::fs::write(&path, bytemuck::cast_slice(&numbers)).expect("writable");
+        let source = Source::open(&path).expect("a file");
+        let all = source
+            .array("numbers", 0, ScalarType::U32, 1, 50_000)
+            .expect("there");
+        let some = source
+            .array("numbers", 40_004, ScalarType::U32, 1, 20_000)
+            .expect("there");
+        assert_eq!(all.as_slice(), Some(&numbers[..]));
+        some.release();
+        assert_eq!(some.as_slice(), Some(&numbers[10_001..30_001]));
+        assert_eq!(all.as_slice(), Some(&numbers[..]));
+    }
 
     #[test]
     fn what_is_no_file_is_refused_at_once() {

@@ -14,6 +14,10 @@ use crate::{ValueRange, dispatch_scalar};
 pub trait ByteStore: Send + Sync {
     /// The bytes. Every call returns the same address and contents.
     fn bytes(&self) -> &[u8];
+
+    /// Says that a range of the bytes is not asked for again soon. What lies in a file need not stay in
+    /// memory then; it is read again if it is asked for after all.
+    fn release(&self, _range_bytes: Range<usize>) {}
 }
 
 impl ByteStore for Vec<u8> {
@@ -198,6 +202,12 @@ impl DataArray {
     /// All numbers, as bytes in native order.
     pub fn bytes(&self) -> &[u8] {
         &self.store.bytes()[self.range_bytes.clone()]
+    }
+
+    /// Says that the numbers are not asked for again soon, here or through other arrays over the same
+    /// bytes: see [`ByteStore::release`].
+    pub fn release(&self) {
+        self.store.release(self.range_bytes.clone());
     }
 
     /// All numbers, tuple after tuple; `None` if `T` is another type than [`Self::scalar_type`].

@@ -141,7 +141,7 @@ fn read_piece(
             let cells = CellArrays::read(file, element, num_cells)?;
             let faces = |cell: usize, _: &[u64]| cells.faces(cell);
             let faces: &Faces<'_> = &faces;
-            assemble(
+            let assembled = assemble(
                 &SourceCells {
                     types: Cow::Borrowed(&cells.types),
                     ends: Some(Ends::Array {
@@ -153,7 +153,10 @@ fn read_piece(
                     what: piece.place(),
                 },
                 &at,
-            )?
+            )?;
+            // As long as two of the four points of a tetrahedron, and of no use any more.
+            cells.ends.release();
+            assembled
         }
         None if num_cells == 0 => assemble(&SourceCells::none(piece.place())?, &at)?,
         None => {
@@ -249,7 +252,9 @@ impl CellArrays {
         };
         let types = find("types")?
             .ok_or_else(|| Problem::malformed(cells.place(), "an array `types`", "none"))?;
-        let types = cell_types(&types.read(file, num_cells)?, types.what())?;
+        let given = types.read(file, num_cells)?;
+        let types = cell_types(&given, types.what())?;
+        given.release();
         let ends = required("offsets", Some(num_cells))?;
         let connectivity = required("connectivity", None)?;
         let polyhedra = if let Some(faces) = integers("faces", None)? {
