@@ -27,8 +27,8 @@ const LAUNCH_WIDTH: u32 = 1 << 12;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum MeshShader {
     Check,
-    March,
-    Sample,
+    March(Subgroups),
+    Sample(Subgroups),
     Boxes,
     Query,
 }
@@ -48,15 +48,16 @@ impl MeshPipelines {
         if let Some(found) = self.0.get(&key) {
             return Ok(found.clone());
         }
-        let spirv = match shader {
-            MeshShader::Check => shaders::PACKED_CHECK,
-            MeshShader::March => shaders::PACKED_MARCH,
-            MeshShader::Sample => shaders::PACKED_SAMPLE,
-            MeshShader::Boxes => shaders::PACKED_BOXES,
-            MeshShader::Query => shaders::PACKED_QUERY,
+        let (spirv, subgroups) = match shader {
+            MeshShader::Check => (shaders::PACKED_CHECK, None),
+            MeshShader::March(subgroups) => (shaders::PACKED_MARCH, Some(subgroups)),
+            MeshShader::Sample(subgroups) => (shaders::PACKED_SAMPLE, Some(subgroups)),
+            MeshShader::Boxes => (shaders::PACKED_BOXES, None),
+            MeshShader::Query => (shaders::PACKED_QUERY, None),
         };
+        let lanes = subgroups.map(Subgroups::lanes);
         let spirv = words(spirv).unwrap_or_default();
-        let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
+        let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1, lanes)?);
         self.0.insert(key, pipeline.clone());
         Ok(pipeline)
     }
@@ -267,9 +268,9 @@ impl GpuRenderer {
             let pipeline = self.traced_pipeline(held, constants)?;
             (Marcher::Rays(pipeline), [width, rows])
         } else {
-            let pipeline = self
-                .mesh_pipelines
-                .get(&self.layout, MeshShader::Sample, constants)?;
+            let pipeline =
+                self.mesh_pipelines
+                    .get(&self.layout, MeshShader::Sample(subgroups), constants)?;
             (
                 Marcher::Places(pipeline, subgroups),
                 [places.len() as u32, 1],
@@ -327,9 +328,9 @@ impl GpuRenderer {
             let held = mesh.held;
             return self.traced_marcher(held, constants);
         }
-        let pipeline = self
-            .mesh_pipelines
-            .get(&self.layout, MeshShader::March, constants)?;
+        let pipeline =
+            self.mesh_pipelines
+                .get(&self.layout, MeshShader::March(subgroups), constants)?;
         Ok(Marcher::Mesh(pipeline, subgroups))
     }
 }

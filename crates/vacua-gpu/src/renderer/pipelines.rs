@@ -212,15 +212,17 @@ impl Pipelines {
         special: Special,
     ) -> Result<Arc<ComputePipeline>, GpuError> {
         let mut constants = constants(shader.constants(), special);
+        let mut lanes = None;
         if let Shader::MarchBeams(beams) = shader {
             constants.extend(beams.constants());
+            lanes = Some(beams.lanes);
         }
         let key = (shader, constants);
         if let Some(found) = self.compute.get(&key) {
             return Ok(found.clone());
         }
         let spirv = words(shader.spirv()).unwrap_or_default();
-        let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1)?);
+        let pipeline = Arc::new(ComputePipeline::new(layout, &spirv, &key.1, lanes)?);
         self.compute.insert(key, pipeline.clone());
         Ok(pipeline)
     }

@@ -59,7 +59,7 @@ impl Kept {
 }
 
 /// How a device's subgroups search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Subgroups {
     /// Lanes of one.
     lanes: u32,
@@ -108,6 +108,11 @@ impl Subgroups {
             constant(SUBGROUPS, self.count),
             constant(INVOCATIONS, self.invocations()),
         ]
+    }
+
+    /// Lanes of one.
+    pub(super) fn lanes(self) -> u32 {
+        self.lanes
     }
 
     /// Invocations of a workgroup.

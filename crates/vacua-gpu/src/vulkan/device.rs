@@ -35,8 +35,15 @@ impl Device {
         if info.has_budget {
             extensions.push(ash::ext::memory_budget::NAME.as_ptr());
         }
+        let mut subgroup_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
+            .subgroup_size_control(true)
+            .compute_full_subgroups(true);
         let mut ray_features = RayFeatures::default();
-        let create = vk::DeviceCreateInfo::default();
+        let mut create = vk::DeviceCreateInfo::default();
+        if info.can_fill_subgroups {
+            extensions.push(ash::ext::subgroup_size_control::NAME.as_ptr());
+            create = create.push_next(&mut subgroup_features);
+        }
         let create = match info.ray_tracing {
             Some(found) => ray_features.ask_for(found, &mut extensions, create),
             None => create,

@@ -83,7 +83,7 @@ pub struct DeviceInfo {
     /// Nanoseconds a tick of its clock.
     pub(crate) tick_nanos: f32,
     pub(crate) max_side: u32,
-    /// Bytes of shared memory, and invocations, that a workgroup may have.
+    /// Bytes of shared memory, and invocations in full subgroups, that a workgroup may have.
     pub(crate) max_shared_bytes: u32,
     pub(crate) max_invocations: u32,
     pub(crate) max_allocation_bytes: u64,
@@ -91,6 +91,8 @@ pub struct DeviceInfo {
     pub(crate) ray_tracing: Option<RayTracing>,
     /// Lanes of a subgroup, if they can vote, ballot, shuffle and find the least of all.
     pub(crate) subgroup_lanes: Option<u32>,
+    /// Whether pipelines can demand that subgroups have as many lanes, and all of them are there.
+    pub(crate) can_fill_subgroups: bool,
 }
 
 impl DeviceInfo {
@@ -290,11 +292,17 @@ impl Instance {
 
     fn describe(&self, number: usize, physical: vk::PhysicalDevice) -> DeviceInfo {
         let mut limits_11 = vk::PhysicalDeviceVulkan11Properties::default();
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut limits_11);
+        let mut subgroup_limits = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default()
+            .push_next(&mut limits_11)
+            .push_next(&mut subgroup_limits);
         let mut features_12 = vk::PhysicalDeviceVulkan12Features::default();
-        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut features_12);
+        let mut subgroup_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default()
+            .push_next(&mut features_12)
+            .push_next(&mut subgroup_features);
         // SAFETY: the handle comes from this instance; the chains live through the calls. Devices
-        // of version 1.0 leave the structs of 1.1 and 1.2 as they are.
+        // that do not know a struct leave it as it is.
         let (memory, families, extensions) = unsafe {
             self.raw
                 .get_physical_device_properties2(physical, &mut properties);
@@ -346,9 +354,26 @@ impl Instance {
             .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
             .map(|heap| heap.size)
             .max();
-        let has_budget = extensions
-            .iter()
-            .any(|e| e.extension_name_as_c_str() == Ok(ash::ext::memory_budget::NAME));
+        let has = |name| {
+            let mut names = extensions.iter().map(|e| e.extension_name_as_c_str());
+            names.any(|found| found == Ok(name))
+        };
+        let mut max_invocations = base
+            .limits
+            .max_compute_work_group_invocations
+            .min(base.limits.max_compute_work_group_size[0]);
+        let full_invocations = limits_11
+            .subgroup_size
+            .saturating_mul(subgroup_limits.max_compute_workgroup_subgroups);
+        let can_fill_subgroups = has(ash::ext::subgroup_size_control::NAME)
+            && subgroup_features.subgroup_size_control != 0
+            && subgroup_features.compute_full_subgroups != 0
+            && subgroup_limits
+                .required_subgroup_size_stages
+                .contains(vk::ShaderStageFlags::COMPUTE);
+        if can_fill_subgroups {
+            max_invocations = max_invocations.min(full_invocations);
+        }
         let ray_tracing = RayTracing::describe(&self.raw, physical, &extensions);
         DeviceInfo {
             number,
@@ -375,12 +400,10 @@ impl Instance {
             tick_nanos: base.limits.timestamp_period,
             max_side: base.limits.max_image_dimension2_d,
             max_shared_bytes: base.limits.max_compute_shared_memory_size,
-            max_invocations: base
-                .limits
-                .max_compute_work_group_invocations
-                .min(base.limits.max_compute_work_group_size[0]),
+            max_invocations,
             max_allocation_bytes: limits_11.max_memory_allocation_size,
-            has_budget,
+            has_budget: has(ash::ext::memory_budget::NAME),
+            can_fill_subgroups,
             subgroup_lanes: limits_11
                 .subgroup_supported_operations
                 .contains(

@@ -268,8 +268,14 @@ pub(crate) struct ComputePipeline {
 }
 
 impl ComputePipeline {
-    /// Compiles a shader.
-    pub fn new(layout: &Layout, spirv: &[u32], constants: &[Constant]) -> Result<Self, GpuError> {
+    /// Compiles a shader. If it counts on subgroups of so many lanes, none of them missing, that is
+    /// demanded; of devices that know no such demand it is taken for granted.
+    pub fn new(
+        layout: &Layout,
+        spirv: &[u32],
+        constants: &[Constant],
+        lanes: Option<u32>,
+    ) -> Result<Self, GpuError> {
         let device = &layout.device;
         let name = device.name();
         let module = Module::new(device, spirv)?;
@@ -280,6 +286,16 @@ impl ComputePipeline {
             .module(module.raw())
             .name(c"main")
             .specialization_info(&info);
+        let mut required = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default();
+        let stage = match lanes.filter(|_| device.info().can_fill_subgroups) {
+            Some(lanes) => {
+                required = required.required_subgroup_size(lanes);
+                stage
+                    .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
+                    .push_next(&mut required)
+            }
+            None => stage,
+        };
         let create = [vk::ComputePipelineCreateInfo::default()
             .stage(stage)
             .layout(layout.pipeline_layout)];
