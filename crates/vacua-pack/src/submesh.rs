@@ -2,28 +2,22 @@
 //!
 //! Source: paper B, §4.1 and §5.1 to §5.7.
 
-use vacua_volume::CellType;
+mod gathered;
+mod leaves;
 
-use crate::bvh::{self, Below, BinaryNode, Box4, LeafMaker, Prim};
+use crate::bvh::{self, Below, BinaryNode, Box4};
 use crate::collapse::{WideNode, multi_leaves, multi_nodes};
 use crate::grid::Grid;
-use crate::ids::{Ids, Numbering};
+use crate::ids::Ids;
 use crate::indices::IndexList;
 use crate::input::Input;
-use crate::layout::{
-    Child, LeafCounts, MAX_LEAF_OTHERS, MAX_LEAF_PAIRS, MAX_LEAF_TETS, MultiLeaf, MultiNode,
-    OTHER_INDICES, SubmeshHeader, WIDTH,
-};
+use crate::layout::{Child, LeafCounts, MultiLeaf, MultiNode, SubmeshHeader, WIDTH};
 use crate::packed::Submesh;
-use crate::pairs::{bits, match_pairs};
 use crate::small::{self, EncodedClusters};
 use crate::{EncodeError, Variant, indices};
 
-/// What testing a tetrahedron costs, in primitives. The heuristic counts cells before they are
-/// paired, and most tetrahedra end up as half of a pair, which is one primitive of 5 indices: this is
-/// what such a half reads of a tetrahedron's 4. With 1 a Delaunay mesh has 4.7 cells a leaf and takes
-/// 10.5 bytes a cell in variant 2, with this 6.9 and 9.5.
-const TET_COST: f32 = 0.625;
+use gathered::Gathered;
+use leaves::{CellLeaves, Leaf, Leaves};
 
 /// Stands for the marker until the number of bits is applied.
 pub(crate) const MARKER: u32 = u32::MAX;
@@ -104,211 +98,6 @@ pub struct Scratch {
     leaves: Leaves,
     final_number: Vec<u32>,
     words: Vec<u32>,
-}
-
-/// So many cells or points ahead memory is asked for.
-const AHEAD: usize = 16;
-
-/// The cells of a sub-mesh with points numbered from 0 as they are first seen.
-#[derive(Default)]
-struct Gathered {
-    numbering: Numbering,
-    positions: Vec<[f32; 4]>,
-    /// Where a cell's corners start, unless all have `width`.
-    starts: Vec<u32>,
-    corners: Vec<u32>,
-    /// Corners of every cell, if that is one number.
-    width: Option<usize>,
-    num_all: usize,
-    num_cells: [u32; 4],
-    bounds: Option<Box4>,
-}
-
-impl Gathered {
-    /// Fills it with some cells, whose points are fewer than two to so many bits.
-    fn gather(&mut self, input: &Input, cells: &[u64], index_bits: u32) {
-        let most_points = (cells.len() * 4).min(1 << index_bits);
-        self.numbering.clear(most_points);
-        self.starts.clear();
-        self.corners.clear();
-        self.num_cells = [0; 4];
-        self.num_all = cells.len();
-        self.width = input.mesh().uniform_type().map(CellType::num_points);
-        for (i, &cell) in cells.iter().enumerate() {
-            if let Some(&soon) = cells.get(i + AHEAD) {
-                input.prefetch_cell(soon);
-            }
-            if let Some(&next) = cells.get(i + AHEAD / 4) {
-                input.visit_points(next, |point| self.numbering.prefetch(point));
-            }
-            if self.width.is_none() {
-                self.starts.push(self.corners.len() as u32);
-            }
-            let cell_type = input.visit_points(cell, |point| {
-                self.corners.push(self.numbering.number(point));
-            });
-            self.num_cells[cell_type as usize] += 1;
-        }
-        self.starts.push(self.corners.len() as u32);
-        self.positions.clear();
-        let mut bounds = Box4::EMPTY;
-        let points = self.numbering.points();
-        for (i, &point) in points.iter().enumerate() {
-            if let Some(&soon) = points.get(i + AHEAD) {
-                input.prefetch_position(soon);
-            }
-            let [x, y, z] = input.local(point);
-            bounds = bounds.with_point([x, y, z, 0.0]);
-            self.positions.push([x, y, z, 0.0]);
-        }
-        self.bounds = Some(bounds);
-    }
-
-    /// What testing a cell costs on average.
-    fn mean_cost(&self) -> f32 {
-        let tets = self.num_cells[CellType::Tetrahedron as usize];
-        let tets = tets as f32 / self.num_all as f32;
-        1.0 - tets * (1.0 - TET_COST)
-    }
-
-    #[inline(always)]
-    fn corners(&self, cell: usize) -> &[u32] {
-        match self.width {
-            Some(width) => &self.corners[cell * width..(cell + 1) * width],
-            None => &self.corners[self.starts[cell] as usize..self.starts[cell + 1] as usize],
-        }
-    }
-
-    /// The box around some points.
-    #[inline(always)]
-    fn bounds_of(&self, points: &[u32]) -> Box4 {
-        let around = |b: Box4, &v: &u32| b.with_point(self.positions[v as usize]);
-        points.iter().fold(Box4::EMPTY, around)
-    }
-
-    /// Whether a tetrahedron has positive volume.
-    fn is_upright(&self, [a, b, c, d]: [u32; 4]) -> bool {
-        let base = &self.positions[a as usize];
-        let from_base = |v: u32| {
-            let p = &self.positions[v as usize];
-            let along = |axis: usize| f64::from(p[axis]) - f64::from(base[axis]);
-            [along(0), along(1), along(2)]
-        };
-        let (u, v, w) = (from_base(b), from_base(c), from_base(d));
-        let volume = u[0] * (v[1] * w[2] - v[2] * w[1])
-            + u[1] * (v[2] * w[0] - v[0] * w[2])
-            + u[2] * (v[0] * w[1] - v[1] * w[0]);
-        volume > 0.0
-    }
-}
-
-/// A leaf's counts and where its indices and cells start.
-struct Leaf {
-    counts: LeafCounts,
-    first_word: u32,
-    first_cell: u32,
-}
-
-/// The leaves of a sub-mesh in the order in which they were made.
-#[derive(Default)]
-struct Leaves {
-    leaves: Vec<Leaf>,
-    words: Vec<u32>,
-    cells: Vec<u32>,
-}
-
-impl Leaves {
-    fn clear(&mut self) {
-        self.leaves.clear();
-        self.words.clear();
-        self.cells.clear();
-    }
-}
-
-/// Makes leaves that fit the counters.
-struct CellLeaves<'a> {
-    gathered: &'a Gathered,
-    mean_cost: f32,
-    out: &'a mut Leaves,
-}
-
-impl LeafMaker for CellLeaves<'_> {
-    const MAX_PRIMS: usize = MAX_LEAF_TETS + 2 * MAX_LEAF_PAIRS + MAX_LEAF_OTHERS;
-
-    fn primitive_cost(&self) -> f32 {
-        self.mean_cost
-    }
-
-    #[inline(always)]
-    fn bounds(&self, cell: u32) -> Box4 {
-        self.gathered
-            .bounds_of(self.gathered.corners(cell as usize))
-    }
-
-    #[inline(always)]
-    fn prefetch(&self, cell: u32) {
-        if let Some(width) = self.gathered.width {
-            vacua_simd::prefetch(&self.gathered.corners, cell as usize * width);
-        }
-    }
-
-    fn leaf(&mut self, prims: &[Prim]) -> Option<(u32, Box4)> {
-        let mut tets = [[0; 4]; Self::MAX_PRIMS];
-        let mut tet_cells = [0; Self::MAX_PRIMS];
-        let mut upright = [false; Self::MAX_PRIMS];
-        let mut others = [0; MAX_LEAF_OTHERS];
-        let (mut num_tets, mut num_others) = (0, 0);
-        for prim in prims {
-            let cell = prim.number();
-            if let [a, b, c, d] = *self.gathered.corners(cell as usize) {
-                tets[num_tets] = [a, b, c, d];
-                tet_cells[num_tets] = cell;
-                upright[num_tets] = self.gathered.is_upright([a, b, c, d]);
-                num_tets += 1;
-            } else {
-                *others.get_mut(num_others)? = cell;
-                num_others += 1;
-            }
-        }
-        let mut pairs = [([0; 2], [0; 5]); Self::MAX_PRIMS / 2];
-        let mut num_pairs = 0;
-        let single = match_pairs(&tets[..num_tets], &upright[..num_tets], |i, j, five| {
-            pairs[num_pairs] = ([i, j], five);
-            num_pairs += 1;
-        });
-        let counts = LeafCounts {
-            tets: single.count_ones() as u8,
-            pairs: num_pairs as u8,
-            others: num_others as u8,
-        };
-        counts.pack()?;
-        let out = &mut *self.out;
-        let (first_word, first_cell) = (out.words.len(), out.cells.len() as u32);
-        let mut bounds = Box4::EMPTY;
-        for i in bits(single) {
-            out.words.extend_from_slice(&tets[i]);
-            out.cells.push(tet_cells[i]);
-        }
-        for (both, five) in &pairs[..num_pairs] {
-            out.words.extend_from_slice(five);
-            out.cells.extend(both.map(|i| tet_cells[i]));
-        }
-        bounds = bounds.union(&self.gathered.bounds_of(&out.words[first_word..]));
-        for &cell in &others[..num_others] {
-            let corners = self.gathered.corners(cell as usize);
-            bounds = bounds.union(&self.gathered.bounds_of(corners));
-            out.words.extend_from_slice(corners);
-            let fill = OTHER_INDICES - corners.len();
-            out.words.extend(std::iter::repeat_n(MARKER, fill));
-            out.cells.push(cell);
-        }
-        out.leaves.push(Leaf {
-            counts,
-            first_word: first_word as u32,
-            first_cell,
-        });
-        Some(((out.leaves.len() - 1) as u32, bounds))
-    }
 }
 
 /// What has been made of a sub-mesh's cells before any of it is laid out.

@@ -55,8 +55,11 @@ pub(crate) fn render_pass(pass: Pass<'_>, volume: &VolumeStage, frame: &mut Fram
     let axes = &volume.space.axes;
     let grid = Grid {
         axes,
-        // Of cells numbers are shown as they are, not interpolated.
-        voxels: Voxels::of(scalars, volume.plain && association == Association::Point),
+        voxels: match association {
+            Association::Point if volume.plain => Voxels::plain(scalars),
+            // Of cells numbers are shown as they are, not interpolated.
+            Association::Point | Association::Cell => Voxels::of(scalars),
+        },
         bytes: scalars.bytes(),
         plain: volume.plain,
         lift: Lift::for_range(volume.range),

@@ -16,7 +16,7 @@ pub(crate) enum Voxels<'a> {
     U64(&'a [u64]),
     I64(&'a [i64]),
     F32(&'a [f32]),
-    /// Finite numbers, read through a [`Lift`](crate::lift::Lift).
+    /// See [`Voxels::plain`].
     PlainF32(&'a [PlainF32]),
     F64(&'a [f64]),
 }
@@ -42,8 +42,17 @@ macro_rules! with_voxels {
 pub(crate) use with_voxels;
 
 impl<'a> Voxels<'a> {
-    /// The numbers of an array, of which `f32` may be known to be plain and to be lifted.
-    pub fn of(array: &'a DataArray, plain: bool) -> Self {
+    /// The numbers of an array whose `f32` are known to be plain, to be read through a
+    /// [`Lift`](crate::lift::Lift).
+    pub fn plain(array: &'a DataArray) -> Self {
+        match Self::of(array) {
+            Self::F32(values) => Self::PlainF32(PlainF32::of(values)),
+            other => other,
+        }
+    }
+
+    /// The numbers of an array.
+    pub fn of(array: &'a DataArray) -> Self {
         let bytes = array.bytes();
         match array.scalar_type() {
             ScalarType::U8 => Self::U8(bytemuck::cast_slice(bytes)),
@@ -54,7 +63,6 @@ impl<'a> Voxels<'a> {
             ScalarType::I32 => Self::I32(bytemuck::cast_slice(bytes)),
             ScalarType::U64 => Self::U64(bytemuck::cast_slice(bytes)),
             ScalarType::I64 => Self::I64(bytemuck::cast_slice(bytes)),
-            ScalarType::F32 if plain => Self::PlainF32(PlainF32::of(bytemuck::cast_slice(bytes))),
             ScalarType::F32 => Self::F32(bytemuck::cast_slice(bytes)),
             ScalarType::F64 => Self::F64(bytemuck::cast_slice(bytes)),
         }

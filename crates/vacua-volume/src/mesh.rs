@@ -18,6 +18,9 @@
 //!        1           0---------1           \ 1 /            0-------1
 //! ```
 
+mod cell_type;
+mod error;
+
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -28,142 +31,8 @@ use crate::dataset::CellMask;
 use crate::grid::Bounds;
 use crate::scalar::ScalarType;
 
-/// The linear three-dimensional cells.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum CellType {
-    /// Four points.
-    Tetrahedron = 0,
-    /// A quadrilateral base (points 0 to 3) and an apex (point 4).
-    Pyramid = 1,
-    /// Two triangles (0, 1, 2 and 3, 4, 5).
-    Wedge = 2,
-    /// Two quadrilaterals (0 to 3 and 4 to 7).
-    Hexahedron = 3,
-}
-
-/// The most points a cell has.
-pub const MAX_CELL_POINTS: usize = 8;
-
-impl CellType {
-    /// Corners of a hexahedron in VTK's order, by their places along the axes of a lattice cell.
-    pub const HEXAHEDRON_CORNERS: [[usize; 3]; 8] = [
-        [0, 0, 0],
-        [1, 0, 0],
-        [1, 1, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-        [1, 0, 1],
-        [1, 1, 1],
-        [0, 1, 1],
-    ];
-
-    /// All cell types, by their number.
-    pub const ALL: [Self; 4] = [
-        Self::Tetrahedron,
-        Self::Pyramid,
-        Self::Wedge,
-        Self::Hexahedron,
-    ];
-
-    /// Points of a cell.
-    pub const fn num_points(self) -> usize {
-        match self {
-            Self::Tetrahedron => 4,
-            Self::Pyramid => 5,
-            Self::Wedge => 6,
-            Self::Hexahedron => 8,
-        }
-    }
-
-    /// The word `info` prints.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Tetrahedron => "tetrahedron",
-            Self::Pyramid => "pyramid",
-            Self::Wedge => "wedge",
-            Self::Hexahedron => "hexahedron",
-        }
-    }
-}
-
-/// Why arrays do not make a mesh.
-#[derive(Clone, Debug, thiserror::Error, PartialEq)]
-pub enum MeshError {
-    /// Positions of the wrong shape.
-    #[error("positions must be 3 × f32 or f64 a point, got {components} × {scalar_type}")]
-    Positions {
-        /// Components given.
-        components: usize,
-        /// Type given.
-        scalar_type: ScalarType,
-    },
-    /// Connectivity that is not one column of 32-bit or 64-bit integers.
-    #[error(
-        "connectivity must be one column of 32-bit or 64-bit integers, got {components} × {scalar_type}"
-    )]
-    Connectivity {
-        /// Components given.
-        components: usize,
-        /// Type given.
-        scalar_type: ScalarType,
-    },
-    /// The cells need another number of point indices than there are.
-    #[error("{cells} cells need {expected} point indices, the connectivity has {actual}")]
-    ConnectivityLength {
-        /// Number of cells.
-        cells: usize,
-        /// Indices that their types need.
-        expected: u64,
-        /// Indices given.
-        actual: u64,
-    },
-    /// A cell uses a point that does not exist.
-    #[error("{} {cell} uses point {index}, but points go from 0 to {}, {points} in all", .cell_type.name(), .points.saturating_sub(1))]
-    PointOutOfRange {
-        /// Which cell.
-        cell: usize,
-        /// Its type.
-        cell_type: CellType,
-        /// The index found, as stored.
-        index: i128,
-        /// Number of points.
-        points: usize,
-    },
-    /// An offset that contradicts the cell types.
-    #[error("offset {position} is {actual}, the cell types before it give {expected}")]
-    Offset {
-        /// Which offset.
-        position: usize,
-        /// Value found.
-        actual: i128,
-        /// Value that the types give.
-        expected: u64,
-    },
-    /// Offsets of the wrong number or type.
-    #[error(
-        "{cells} cells need {} offsets as one column of 32-bit or 64-bit integers, got {tuples} × {components} {scalar_type}",
-        .cells.saturating_add(1)
-    )]
-    Offsets {
-        /// Number of cells.
-        cells: usize,
-        /// Tuples given.
-        tuples: usize,
-        /// Components given.
-        components: usize,
-        /// Type given.
-        scalar_type: ScalarType,
-    },
-    /// A blanking mask of the wrong length.
-    #[error("the blanking mask covers {actual} cells of {expected}")]
-    MaskLength {
-        /// Cells the mask covers.
-        actual: usize,
-        /// Cells of the mesh.
-        expected: usize,
-    },
-}
+pub use cell_type::{CellType, MAX_CELL_POINTS};
+pub use error::MeshError;
 
 /// Cells between two stored offsets of a mixed mesh.
 const OFFSET_BLOCK: usize = 16;
