@@ -6,8 +6,7 @@
 //! is read, and nothing depends on it.
 
 use vacua_simd::prefetch;
-
-use crate::setup::TileRays;
+use vacua_skip::Bundle;
 
 /// Bytes that a processor fetches together.
 const LINE_BYTES: usize = 64;
@@ -19,43 +18,9 @@ const MOST_ROWS: i64 = 16;
 /// Most voxels of a row.
 const MOST_VOXELS: i64 = 64;
 
-/// The rays of a tile as one: between which positions their samples of one number lie.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Beam {
-    /// Least and greatest position of sample 0 along each axis.
-    start: [[f32; 2]; 3],
-    /// The same of the way to the next sample.
-    step: [[f32; 2]; 3],
-}
-
-impl Beam {
-    /// Of the rays of a tile that are not empty.
-    #[inline(always)]
-    pub fn of(tile: &TileRays) -> Self {
-        let nothing = [[f32::MAX, f32::MIN]; 3];
-        let (mut start, mut step) = (nothing, nothing);
-        for lane in &tile.lanes {
-            if lane.begin >= lane.end {
-                continue;
-            }
-            for a in 0..3 {
-                let (s, d) = (lane.start[a], lane.step[a]);
-                start[a] = [start[a][0].min(s), start[a][1].max(s)];
-                step[a] = [step[a][0].min(d), step[a][1].max(d)];
-            }
-        }
-        Self { start, step }
-    }
-
-    /// Least (`end` 0) or greatest (1) position along an axis of samples of one number.
-    fn at(&self, axis: usize, end: usize, sample: f32) -> f32 {
-        sample.mul_add(self.step[axis][end], self.start[axis][end])
-    }
-
-    /// Way to the next sample along an axis, in the middle of the beam.
-    fn speed(&self, axis: usize) -> f32 {
-        0.5 * (self.step[axis][0] + self.step[axis][1])
-    }
+/// Way to the next sample along an axis, in the middle of a beam.
+fn speed(beam: &Bundle, axis: usize) -> f32 {
+    0.5 * (beam.step[axis][0] + beam.step[axis][1])
 }
 
 /// One side of a beam along an axis, as it moves from plane to plane; in parts of 2⁻³² cells, which need
@@ -69,7 +34,7 @@ struct Side {
 impl Side {
     /// Of a beam that enters the cells before the first plane at one sample and has left those after it at
     /// another, each `samples_a_plane` later for the next: as far outside as it comes in between.
-    fn of(beam: &Beam, axis: usize, end: usize, samples: [f32; 2], samples_a_plane: f32) -> Self {
+    fn of(beam: &Bundle, axis: usize, end: usize, samples: [f32; 2], samples_a_plane: f32) -> Self {
         let moves_out = (beam.step[axis][end] > 0.0) == (end == 1);
         let parts = |cells: f32| (cells * (1u64 << 32) as f32) as i64;
         Self {
@@ -97,7 +62,7 @@ pub(crate) struct PointMemory<'a> {
 impl PointMemory<'_> {
     /// Asks for the values around the samples of a beam from one number to another, but for those that
     /// the sample before the first needs as well.
-    pub fn fetch(&self, beam: &Beam, samples: [f32; 2]) {
+    pub fn fetch(&self, beam: &Bundle, samples: [f32; 2]) {
         self.lines(beam, samples, |line| {
             prefetch(self.bytes, line * LINE_BYTES)
         });
@@ -106,14 +71,14 @@ impl PointMemory<'_> {
     /// The lines of memory of these values, plane by plane across y or z, whichever the beam crosses more
     /// of. None if it mostly follows the rows, which processors foresee by themselves, or if samples or
     /// rays are so far apart that they leave most voxels alone.
-    fn lines(&self, beam: &Beam, [first, end]: [f32; 2], mut each: impl FnMut(usize)) {
-        let [x_speed, y_speed, z_speed] = [0, 1, 2].map(|axis| beam.speed(axis).abs());
+    fn lines(&self, beam: &Bundle, [first, end]: [f32; 2], mut each: impl FnMut(usize)) {
+        let [x_speed, y_speed, z_speed] = [0, 1, 2].map(|axis| speed(beam, axis).abs());
         let (along, across) = if y_speed > z_speed { (1, 2) } else { (2, 1) };
-        let samples_a_plane = 1.0 / beam.speed(along).abs();
+        let samples_a_plane = 1.0 / speed(beam, along).abs();
         if !(samples_a_plane >= 1.0 && samples_a_plane * x_speed < 4.0) {
             return;
         }
-        let up = beam.speed(along) > 0.0;
+        let up = speed(beam, along) > 0.0;
         let front = |sample| beam.at(along, usize::from(up), sample);
         let [from, to] = [first, end].map(|sample| front(sample).floor().clamp(-1e9, 1e9) as i64);
         let num_planes = (to - from).abs();
@@ -164,7 +129,7 @@ mod tests {
     use std::collections::HashSet;
     use vacua_skip::{Axis, Lattice, SampleRay};
 
-    use crate::setup::LaneRay;
+    use crate::setup::{LaneRay, TileRays};
 
     /// A volume of 64³ points of two bytes.
     static MEMORY: PointMemory<'_> = PointMemory {
@@ -215,7 +180,7 @@ mod tests {
             [0.6, -0.7, 0.38],
         ] {
             let tile = tile(direction, 0.25);
-            let beam = Beam::of(&tile);
+            let beam = Bundle::of(&tile.rays).expect("rays");
             let mut asked = HashSet::new();
             let (mut needed, mut missed, mut count) = (0, 0, 0);
             for chunk in 0..16 {
@@ -244,11 +209,12 @@ mod tests {
     fn nothing_is_asked_for_where_little_of_it_would_be_read() {
         let lines = |direction, spacing, speed: f32| {
             let mut tile = tile(direction, spacing);
-            for lane in &mut tile.lanes {
-                lane.step = lane.step.map(|step| speed * step);
+            for ray in &mut tile.rays {
+                ray.step = ray.step.map(|step| speed * step);
             }
             let mut count = 0;
-            MEMORY.lines(&Beam::of(&tile), [240.0, 272.0], |_| count += 1);
+            let beam = Bundle::of(&tile.rays).expect("rays");
+            MEMORY.lines(&beam, [240.0, 272.0], |_| count += 1);
             count
         };
         assert!(lines([0.0, 0.0, 1.0], 0.25, 1.0) > 0);

@@ -13,9 +13,8 @@
 mod strides;
 
 use vacua_simd::{BLOCK, Float, Mask, Simd};
-use vacua_skip::{Axis, BLOCKS_PER_WINDOW, MAX_SAMPLES, SampleRay, Skipper};
+use vacua_skip::{Axis, BLOCKS_PER_WINDOW, Bundle, MAX_SAMPLES, SampleRay, Skipper};
 
-use crate::ahead::Beam;
 use crate::setup::{TILE, TILE_RAYS, TileRays};
 
 pub(crate) use strides::Strides;
@@ -91,7 +90,7 @@ pub(crate) trait Visit<S: Simd> {
     /// where they are looked for together.
     fn sample(&self, pairs: &[(u8, BlockPair)], group: &mut Group<S, Self::Place>);
     /// Asks for what samples of the rays from one number to another will read.
-    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]);
+    fn fetch_ahead(&self, beam: &Bundle, samples: [f32; 2]);
     /// Adds two blocks to a ray; `false` to end it.
     fn add(
         &self,
@@ -214,16 +213,16 @@ impl Partition<'_> {
         if !matches!(self.strides, Strides::Constant) {
             lists.resize(TILE_RAYS, BlockList::EMPTY);
         }
-        let live = || self.tile.rays.iter().filter(|ray| !ray.is_empty());
-        let begin = live().map(SampleRay::first_block).min().unwrap_or(0);
-        let end = live().map(SampleRay::end_block).max().unwrap_or(0);
+        let Some(beam) = Bundle::of(&self.tile.rays) else {
+            return samples;
+        };
+        let [begin, end] = beam.blocks;
         let (chunk_blocks, group_rays) = match self.strides {
             _ if V::IS_TOGETHER => (TOGETHER_BLOCKS, TILE_RAYS),
             Strides::Constant => (CHUNK_BLOCKS, GROUP_RAYS),
             Strides::Varying(_) | Strides::Lattice(_) => (BLOCKS_PER_WINDOW, WINDOW_RAYS),
         };
         let mut first_block = begin - begin % BLOCKS_PER_WINDOW;
-        let beam = Beam::of(self.tile);
         loop {
             // After the last window, blocks that still wait are evaluated alone.
             let last = first_block >= end;
@@ -428,7 +427,7 @@ mod tests {
                 group.lanes[n] = Mask::from_bits(1);
             }
         }
-        fn fetch_ahead(&self, _: &Beam, _: [f32; 2]) {}
+        fn fetch_ahead(&self, _: &Bundle, _: [f32; 2]) {}
         fn add(
             &self,
             _: usize,

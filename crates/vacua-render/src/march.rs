@@ -8,9 +8,9 @@ use std::marker::PhantomData;
 
 use vacua_simd::math::opacity_of_depth;
 use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, LANES, Mask, Simd, per_axis};
+use vacua_skip::Bundle;
 use vacua_volume::{TRANSFER_BINS, TransferTable, ValueScale};
 
-use crate::ahead::Beam;
 use crate::blocks::{BlockPair, Group, Sampled, Visit};
 use crate::light::LIGHT;
 use crate::sampler::Sampler;
@@ -259,7 +259,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Composite<'_, S, V> {
     }
 
     #[inline(always)]
-    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+    fn fetch_ahead(&self, beam: &Bundle, samples: [f32; 2]) {
         self.sampler.fetch_ahead(beam, samples);
     }
 
@@ -369,7 +369,7 @@ impl<S: Simd, V: Sampler> Visit<S> for Maximum<'_, S, V> {
     }
 
     #[inline(always)]
-    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+    fn fetch_ahead(&self, beam: &Bundle, samples: [f32; 2]) {
         self.sampler.fetch_ahead(beam, samples);
     }
 

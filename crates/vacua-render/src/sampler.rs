@@ -5,10 +5,10 @@
 //! blanked, has no value.
 
 use vacua_simd::{Float, Int, LANES, Mask, Simd, Voxel, VoxelKind, WideMap, per_axis};
-use vacua_skip::{Axis, locate_units};
+use vacua_skip::{Axis, Bundle, locate_units};
 use vacua_volume::CellMask;
 
-use crate::ahead::{Beam, PointMemory};
+use crate::ahead::PointMemory;
 use crate::blocks::Group;
 use crate::lift::Lift;
 use crate::voxels::{Voxels, with_voxels};
@@ -39,7 +39,7 @@ pub(crate) trait Sampler: Sync {
 
     /// Asks for what samples of a beam from one number to another will read.
     #[inline(always)]
-    fn fetch_ahead(&self, _: &Beam, _: [f32; 2]) {}
+    fn fetch_ahead(&self, _: &Bundle, _: [f32; 2]) {}
 
     /// Gradients in ray space, at places whose cells [`Sampler::sample`] gave.
     fn gradient<S: Simd>(&self, at: [S::F; 3], place: &Self::Place) -> [S::F; 3];
@@ -274,7 +274,7 @@ impl Sampler for PointSampler<'_> {
     }
 
     #[inline(always)]
-    fn fetch_ahead(&self, beam: &Beam, samples: [f32; 2]) {
+    fn fetch_ahead(&self, beam: &Bundle, samples: [f32; 2]) {
         if self.last_unit_cell.is_some() {
             self.memory.fetch(beam, samples);
         }

@@ -11,6 +11,7 @@
 
 use vacua_simd::{BLOCK, Float, IN_BLOCK, Int, Kernel, LANES, Mask, Simd, dispatch, per_axis};
 
+use crate::bundle::Bundle;
 use crate::lattice::Lattice;
 use crate::mask::ActiveMask;
 use crate::near::Near;
@@ -78,37 +79,6 @@ struct Walk<'a> {
     blocks: &'a mut [u64],
 }
 
-/// What the rays of a bundle have in common: sample `k` of each lies between
-/// `fma(k, step.0, start.0)` and `fma(k, step.1, start.1)`, as rounding is monotone.
-#[derive(Clone, Copy)]
-struct Bundle {
-    start: [(f32, f32); 3],
-    step: [(f32, f32); 3],
-    blocks: (u32, u32),
-}
-
-impl Bundle {
-    /// The rays that have samples, if any.
-    fn of(rays: &[SampleRay]) -> Option<Self> {
-        let unset = (f32::INFINITY, f32::NEG_INFINITY);
-        let mut bundle = Self {
-            start: [unset; 3],
-            step: [unset; 3],
-            blocks: (u32::MAX, 0),
-        };
-        let wider = |(lo, hi): (f32, f32), x: f32| (lo.min(x), hi.max(x));
-        for ray in rays.iter().filter(|ray| !ray.is_empty()) {
-            for a in 0..3 {
-                bundle.start[a] = wider(bundle.start[a], ray.start[a]);
-                bundle.step[a] = wider(bundle.step[a], ray.step[a]);
-            }
-            bundle.blocks.0 = bundle.blocks.0.min(ray.first_block());
-            bundle.blocks.1 = bundle.blocks.1.max(ray.end_block());
-        }
-        (bundle.blocks.0 < bundle.blocks.1).then_some(bundle)
-    }
-}
-
 /// First samples of sixteen blocks, from block 0 on.
 const FIRST_SAMPLES: [f32; LANES] = {
     let mut first = [0.0; LANES];
@@ -128,12 +98,12 @@ impl Walk<'_> {
             S::F::from_array(FIRST_SAMPLES) + S::F::splat((first_block * BLOCK as u32) as f32);
         let tail = head + S::F::splat((BLOCK - 1) as f32);
         let lo = per_axis!(a => {
-            let (start, step) = (S::F::splat(bundle.start[a].0), S::F::splat(bundle.step[a].0));
+            let (start, step) = (S::F::splat(bundle.start[a][0]), S::F::splat(bundle.step[a][0]));
             let at = head.mul_add(step, start).min(tail.mul_add(step, start));
             self.grid.lattice.macrocell::<S>(a, at)
         });
         let hi = per_axis!(a => {
-            let (start, step) = (S::F::splat(bundle.start[a].1), S::F::splat(bundle.step[a].1));
+            let (start, step) = (S::F::splat(bundle.start[a][1]), S::F::splat(bundle.step[a][1]));
             let at = head.mul_add(step, start).max(tail.mul_add(step, start));
             self.grid.lattice.macrocell::<S>(a, at)
         });
@@ -213,7 +183,7 @@ impl Kernel for Walk<'_> {
     fn run<S: Simd>(self) {
         let mut near = 0u64;
         if let Some(bundle) = Bundle::of(self.rays) {
-            let (from, to) = bundle.blocks;
+            let [from, to] = bundle.blocks;
             let within = bits_between(self.first_block, from, to);
             let mut group = 0;
             while group < BLOCKS_PER_WINDOW {

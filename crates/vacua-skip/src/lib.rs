@@ -15,6 +15,7 @@
 
 mod boundary;
 mod boxes;
+mod bundle;
 mod bvh;
 mod grid;
 mod lattice;
@@ -27,6 +28,7 @@ mod rectangles;
 
 pub use boundary::{BoundaryMesh, Quad, boundary_triangle_bound};
 pub use boxes::{BoxSkip, cluster_boxes};
+pub use bundle::Bundle;
 pub use grid::GridSkip;
 pub use lattice::{Axis, Lattice, LatticeError, MAX_CELLS_PER_AXIS, locate_units};
 pub use macrocells::{Macrocells, PointSource};

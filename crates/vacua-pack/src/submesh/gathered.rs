@@ -25,7 +25,7 @@ pub(super) struct Gathered {
     pub(super) corners: Vec<u32>,
     /// Corners of every cell, if that is one number.
     pub(super) width: Option<usize>,
-    pub(super) num_all: usize,
+    num_all: usize,
     pub(super) num_cells: [u32; 4],
     pub(super) bounds: Option<Box4>,
 }
