@@ -55,7 +55,7 @@ pub enum Command {
         /// Reaches of the distance map.
         #[arg(long, value_delimiter = ',', default_value = "1,16")]
         reaches: Vec<u8>,
-        /// Ways to skip, besides none: grid, mesh, query, boxes, auto.
+        /// Ways to skip, besides none: grid, mesh, query, packets, boxes, auto.
         #[arg(long, value_delimiter = ',', default_value = "grid,auto")]
         methods: Vec<GpuMethod>,
         /// Measures how acceleration structures over the boundary are built.

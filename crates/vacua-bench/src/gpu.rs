@@ -33,6 +33,8 @@ pub enum GpuMethod {
     Mesh,
     /// The triangulated boundary, through ray queries in a compute shader.
     Query,
+    /// The triangulated boundary under our own hierarchy, in a compute shader.
+    Packets,
     /// Clustered boxes, on a ray tracing pipeline.
     Boxes,
     /// Whichever the renderer finds fastest.
@@ -40,10 +42,11 @@ pub enum GpuMethod {
 }
 
 impl GpuMethod {
-    const ALL: [(Self, &'static str); 5] = [
+    const ALL: [(Self, &'static str); 6] = [
         (Self::Grid, "grid"),
         (Self::Mesh, "mesh"),
         (Self::Query, "query"),
+        (Self::Packets, "packets"),
         (Self::Boxes, "boxes"),
         (Self::Auto, "auto"),
     ];
@@ -54,6 +57,7 @@ impl GpuMethod {
             Self::Grid => (SkipMethod::Grid, None),
             Self::Mesh => (SkipMethod::Mesh, Some(Tracer::Pipeline)),
             Self::Query => (SkipMethod::Mesh, Some(Tracer::Query)),
+            Self::Packets => (SkipMethod::Mesh, Some(Tracer::Packets)),
             Self::Boxes => (SkipMethod::Boxes, None),
             Self::Auto => (SkipMethod::Auto, None),
         }
@@ -66,7 +70,7 @@ impl FromStr for GpuMethod {
     fn from_str(text: &str) -> Result<Self, String> {
         let found = Self::ALL.iter().find(|(_, name)| *name == text);
         found.map(|(method, _)| *method).ok_or_else(|| {
-            format!("`{text}` is no method, expected grid, mesh, query, boxes or auto")
+            format!("`{text}` is no method, expected grid, mesh, query, packets, boxes or auto")
         })
     }
 }
@@ -384,6 +388,7 @@ fn row(
     let name = match (skip, tracer) {
         (SkipMethod::Auto, _) => format!("auto: {}", report.method.name()),
         (SkipMethod::Mesh, Some(Tracer::Query)) => "mesh by queries".to_owned(),
+        (SkipMethod::Mesh, Some(Tracer::Packets)) => "mesh by packets".to_owned(),
         _ => report.method.name().to_owned(),
     };
     Ok(Row {
@@ -403,7 +408,7 @@ fn row(
             _ => 0,
         },
         outline_secs: of(&["faces", "triangles", "cluster", "boxes"]),
-        hierarchy_secs: of(&["blas", "tlas"]),
+        hierarchy_secs: of(&["blas", "tree", "tlas"]),
         edit_wall_secs: median(wall),
         is_exact: reference
             .is_none_or(|r| r.rgba == first.frame.rgba && r.depth == first.frame.depth),

@@ -12,7 +12,8 @@ void main() {
     if (gl_LocalInvocationIndex == 0) total = 0;
     barrier();
     uint found = 0;
-    for (uint i = 0; i < POINTS_EACH; ++i) found += bitCount(faces_at(first_point() + i) & 7u);
+    uvec3 begin = brick_begin();
+    for (uint i = 0; i < POINTS_EACH; ++i) found += bitCount(faces_at(point_of(begin, i)) & 7u);
     if (found > 0) atomicAdd(total, found);
     barrier();
     if (gl_LocalInvocationIndex == 0) parameters.face_counts.word[group_number()] = total;

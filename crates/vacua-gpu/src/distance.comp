@@ -33,8 +33,8 @@ void main() {
     uvec3 n = parameters.macrocells.xyz;
     uint num = n.x * n.y * n.z;
     if (4 * word >= num) return;
-    uint stride = push.axis == 0 ? 1 : push.axis == 1 ? n.x : n.x * n.y;
-    uint along = n[push.axis];
+    uint stride = push.pass == 0 ? 1 : push.pass == 1 ? n.x : n.x * n.y;
+    uint along = n[push.pass];
     uint reach = parameters.picture.z;
     uint bytes = 0;
     for (uint i = 0; i < 4; ++i) {
@@ -48,7 +48,7 @@ void main() {
                 best = min(best, max(apart, before(index + apart * stride)));
             }
         }
-        if (push.axis == 2 && best > 0) {
+        if (push.pass == 2 && best > 0) {
             uint boxes = best == 1 ? empty_boxes(index, n) : 255u;
             best = boxes < 128u ? boxes : 128u | best;
         }

@@ -1,42 +1,44 @@
-// Finds the runs of a ray.
-//
-// The including stage says how empty space is skipped: `Walk` is what a ray keeps for that, made by
-// `walk_of`, and `seek` moves k to the next sample that may be active, and `stop` to the end of those
-// that follow it without a gap.
+// Writes the runs of rays, by methods that find them before they are sampled.
 
-void find(Ray ray, uint place) {
-    uint before = ray.begin / BLOCK;
-    uint num = 0;
-    uint run_first = 0;
-    uint run_end = 0;
-    Walk walk = walk_of(ray);
-    uint k = ray.begin;
-    while (k < ray.end) {
-        uint stop = k;
-        seek(ray, walk, k, stop);
-        if (k >= ray.end) break;
-        uint first = min(k / BLOCK - before, OPEN_END - 1);
-        // What follows in the last block is sampled too, so that no block is visited twice.
-        k = (min(stop, ray.end) + BLOCK - 1) & ~(BLOCK - 1);
-        bool is_apart = first > run_end;
-        if (is_apart && run_end > 0 && num + 1 < MAX_RUNS) {
-            push.runs.word[place + num * RUN_STRIDE] = run_first | run_end << 16;
-            ++num;
-            run_end = 0;
-        }
-        if (is_apart && run_end == 0) run_first = first;
-        run_end = min(k / BLOCK - before, OPEN_END);
-    }
-    if (run_end > 0) {
-        push.runs.word[place + num * RUN_STRIDE] = run_first | run_end << 16;
-        ++num;
-    }
-    if (num < MAX_RUNS) push.runs.word[place + num * RUN_STRIDE] = 0;
+// The runs of a ray as they are found.
+struct Runs {
+    // Where the next one is written.
+    uint place;
+    // Blocks before the ray's first.
+    uint before;
+    // Those that are written, and the one that may yet grow.
+    uint num;
+    uint first;
+    uint end;
+};
+
+Runs runs_of(Ray ray, uint place) {
+    return Runs(place, ray.begin / BLOCK, 0, 0, 0);
 }
 
-// Finds the runs of a pixel's ray, by its place in this device's own rows.
-void find_pixel(uvec2 own) {
-    uvec2 at = uvec2(own.x, global_row(own.y));
-    if (at.x >= parameters.picture.x || at.y >= parameters.picture.y) return;
-    find(ray_of(at), first_run(own));
+void write_run(inout Runs runs) {
+    push.runs.word[runs.place] = runs.first | runs.end << 16;
+    runs.place += RUN_STRIDE;
+    ++runs.num;
+}
+
+// Adds the samples from k to `stop`; the first that does not belong to the run. What follows in the last
+// block is sampled too, so that no block is visited twice.
+uint add_run(inout Runs runs, Ray ray, uint k, uint stop) {
+    uint first = min(k / BLOCK - runs.before, OPEN_END - 1);
+    k = (min(stop, ray.end) + BLOCK - 1) & ~(BLOCK - 1);
+    bool is_apart = first > runs.end;
+    if (is_apart && runs.end > 0 && runs.num + 1 < MAX_RUNS) {
+        write_run(runs);
+        runs.end = 0;
+    }
+    if (is_apart && runs.end == 0) runs.first = first;
+    runs.end = min(k / BLOCK - runs.before, OPEN_END);
+    return k;
+}
+
+// Writes what is left.
+void close(inout Runs runs) {
+    if (runs.end > 0) write_run(runs);
+    if (runs.num < MAX_RUNS) push.runs.word[runs.place] = 0;
 }

@@ -9,6 +9,11 @@ float plane_at(int axis, uint index) {
     return push.planes.number[parameters.axis_offset[axis] + index];
 }
 
+// Coordinate of a plane between macrocells.
+float macrocell_plane(int axis, uint plane) {
+    return plane_at(axis, min(plane * parameters.macrocells.w, parameters.cells[axis]));
+}
+
 // The last cell that begins at or before a coordinate, clamped to the axis.
 float search(int axis, float coordinate) {
     uint first = parameters.axis_offset[axis];

@@ -32,11 +32,6 @@ Line line_of(uvec2 pixel) {
     );
 }
 
-// Coordinate of a plane between macrocells.
-float macrocell_plane(int axis, int plane) {
-    return plane_at(axis, min(uint(plane) * parameters.macrocells.w, parameters.cells[axis]));
-}
-
 bool is_active(ivec3 macrocell) {
     ivec3 n = ivec3(parameters.macrocells.xyz);
     bool is_inside = all(greaterThanEqual(macrocell, ivec3(0))) && all(lessThan(macrocell, n));
@@ -89,7 +84,7 @@ int first_face(Line line, out float plane, out ivec3 macrocell) {
         for (int a = 0; a < 3; ++a) {
             if (line.direction[a] == 0.0) continue;
             int next = macrocell[a] + (line.direction[a] > 0.0 ? 1 : 0);
-            float coordinate = macrocell_plane(a, next);
+            float coordinate = macrocell_plane(a, uint(next));
             float t = (coordinate - line.origin[a]) / line.direction[a];
             if (t < nearest) {
                 nearest = t;
@@ -124,7 +119,7 @@ void main() {
         int a = (axis + side) % 3;
         float per_pixel = length(vec2(right[a] - hit[a], below[a] - hit[a]));
         for (int i = 0; i < 2; ++i) {
-            float apart = abs(hit[a] - macrocell_plane(a, macrocell[a] + i));
+            float apart = abs(hit[a] - macrocell_plane(a, uint(macrocell[a] + i)));
             nearest = min(nearest, apart / per_pixel);
         }
     }

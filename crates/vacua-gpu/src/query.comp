@@ -11,8 +11,9 @@
 #include "runs.glsl"
 #include "hit.glsl"
 #include "walk.glsl"
-#include "skip_mesh.glsl"
 #include "find.glsl"
+#include "skip_mesh.glsl"
+#include "trace_mesh.glsl"
 
 layout(set = 0, binding = 2) uniform accelerationStructureEXT scene;
 

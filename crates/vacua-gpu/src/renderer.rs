@@ -52,12 +52,13 @@ use crate::vulkan::{Buffer, Commands, Device, DeviceChoice, Instance, Layout, Pl
 const DEFAULT_SIDE: usize = 8;
 
 /// Stages that build what rays skip by, once macrocells are classified.
-const OF_SKIPPER: [&str; 8] = [
+const OF_SKIPPER: [&str; 9] = [
     "distance",
     "faces",
     "cluster",
     "triangles",
     "blas",
+    "tree",
     "refit",
     "compact",
     "tlas",
@@ -256,7 +257,7 @@ impl GpuRenderer {
     /// Bytes of what rays are traced against, and of the acceleration structure over it alone.
     pub fn outline_bytes(&self) -> [u64; 2] {
         let outline = self.outline.as_ref();
-        outline.map_or([0; 2], |o| [o.size_bytes(), o.lower.size_bytes()])
+        outline.map_or([0; 2], Outline::size_bytes)
     }
 
     /// Faces of the boundary, or boxes, that rays are traced against.
@@ -265,7 +266,7 @@ impl GpuRenderer {
     }
 
     /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`,
-    /// `faces`, `triangles`, `blas`, `refit`, `compact`, `tlas` where they were redone, `find` (where
+    /// `faces`, `triangles`, `blas`, `tree`, `refit`, `compact`, `tlas` where they were redone, `find` (where
     /// rays meet what is active, if they are traced) and `march` once a ray a pixel, `copy`; and on the host `cluster`.
     pub fn timings(&self) -> &Timings {
         &self.timings

@@ -24,6 +24,8 @@ shaders! {
     BOUNDARY_SCAN = "boundary_scan";
     /// The boundary's faces and triangles.
     BOUNDARY_WRITE = "boundary_write";
+    /// A level of our own hierarchy over the boundary's faces.
+    TREE = "tree";
     /// The picture, by `none` and `grid`, each ray for itself.
     MARCH = "march";
     /// The picture of a uniform grid, by `none` and `grid`, subgroups looking ahead together.
@@ -34,6 +36,8 @@ shaders! {
     MARCH_RUNS = "march_runs";
     /// Where rays meet what is active, by `mesh` through ray queries.
     QUERY = "query";
+    /// Where rays meet what is active, by `mesh` over our own hierarchy.
+    PACKETS = "packets";
     /// The boundary of what is active, over the picture.
     OVERLAY = "overlay";
     /// Where rays meet what is active, by `mesh` on a ray tracing pipeline.

@@ -88,9 +88,16 @@ layout(set = 0, binding = 0, std140) uniform Parameters {
     Numbers corners;
     // Faces of each group of lattice points, and after the scan those of all groups before it.
     Words face_counts;
+    // In which order groups follow each other: the number of each one's brick.
+    Words bricks;
+    // Our own hierarchy over the faces, three words a node.
+    Words nodes;
     // Number of these groups; what faces are wider than they are, so that no edge is missed.
     uint num_face_groups;
     float flange;
+    // Number of faces, once it is known, and height of the hierarchy's root.
+    uint num_faces;
+    uint tree_height;
 } parameters;
 
 layout(push_constant, std430) uniform Push {
@@ -122,7 +129,8 @@ layout(push_constant, std430) uniform Push {
     // if more are to come.
     float jitter;
     float weight;
-    // Number of this frame among those that are summed; axis of a pass of the distance map.
+    // Number of this frame among those that are summed; of a pass: axis of the distance map, or height in the
+    // hierarchy over faces.
     uint frame;
-    uint axis;
+    uint pass;
 } push;

@@ -18,8 +18,8 @@ pub(crate) const MAX_RUNS: u32 = 8;
 /// Invocations of a workgroup that works on macrocells, four to each.
 pub(crate) const GROUP: u32 = 256;
 
-/// Lattice points that a workgroup looks at for faces of the boundary.
-pub(crate) const POINTS_A_GROUP: u32 = 8 * GROUP;
+/// Lattice points along each axis of a brick, in which a workgroup looks for faces of the boundary.
+pub(crate) const BRICK: [u32; 3] = [16, 16, 8];
 
 /// Words that describe a face of the boundary, and numbers of its corners.
 pub(crate) const FACE_WORDS: u64 = 3;
@@ -72,8 +72,12 @@ pub(crate) struct Parameters {
     pub faces: u64,
     pub corners: u64,
     pub face_counts: u64,
+    pub bricks: u64,
+    pub nodes: u64,
     pub num_face_groups: u32,
     pub flange: f32,
+    pub num_faces: u32,
+    pub tree_height: u32,
 }
 
 /// The push constants `Push`; buffers by their address.
@@ -97,7 +101,7 @@ pub(crate) struct Push {
     pub jitter: f32,
     pub weight: f32,
     pub frame: u32,
-    pub axis: u32,
+    pub pass: u32,
 }
 
 /// The words of a compiled shader; `None` if it is none.

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use vacua_skip::{Lattice, Macrocells};
 
 use crate::error::GpuError;
-use crate::shared::{GROUP, POINTS_A_GROUP};
+use crate::shared::{BRICK, GROUP};
 use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
 
 /// Ranges of macrocells of one size.
@@ -21,6 +21,9 @@ pub(crate) struct DeviceMacrocells {
     pub maps: [Buffer; 2],
     /// Whether the ranges have been computed.
     pub is_ready: bool,
+    /// Bricks of lattice points in Morton order, by their numbers, and how many there are; made when the
+    /// boundary is first asked for.
+    bricks: Option<(Buffer, u32)>,
 }
 
 impl DeviceMacrocells {
@@ -39,6 +42,7 @@ impl DeviceMacrocells {
             ranges: Buffer::new(device, "the ranges of macrocells", 8 * num, Place::Device)?,
             maps: [map()?, map()?],
             is_ready: false,
+            bricks: None,
         })
     }
 
@@ -55,28 +59,35 @@ impl DeviceMacrocells {
             .map(|i| macrocells.range(i).unwrap_or(none).into())
             .collect();
         let bytes: &[u8] = bytemuck::cast_slice(&ranges);
-        let size = bytes.len() as u64;
-        let mut staging = Buffer::new(device, "sending ranges", size, Place::Upload)?;
-        staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-        commands.run(layout, |recorder| {
-            recorder.copy(&staging, &self.ranges, 0, size);
-            recorder.barrier();
-            Ok(())
-        })?;
+        self.ranges = sent(device, commands, layout, "the ranges of macrocells", bytes)?;
         self.is_ready = true;
         Ok(())
     }
 
-    /// Points of their lattice; `None` if there are more than shaders can number.
-    pub fn points(&self) -> Option<u32> {
-        let points = self
-            .counts
-            .iter()
-            .map(|&n| u64::from(n) + 1)
-            .product::<u64>();
-        // The last group of points may reach beyond them.
-        u32::try_from(points + u64::from(POINTS_A_GROUP)).ok()?;
-        u32::try_from(points).ok()
+    /// Puts bricks of lattice points in order, unless that was done; there are none where there are more
+    /// macrocells than shaders can number.
+    pub fn order_bricks(
+        &mut self,
+        device: &Arc<Device>,
+        commands: &mut Commands,
+        layout: &Layout,
+    ) -> Result<(), GpuError> {
+        let is_too_large =
+            self.len() > MOST_BOUNDED || self.counts.iter().any(|&n| n > MOST_PLANES);
+        if self.bricks.is_some() || is_too_large {
+            return Ok(());
+        }
+        let order = morton_order([0, 1, 2].map(|a| (self.counts[a] + 1).div_ceil(BRICK[a])));
+        let bytes: &[u8] = bytemuck::cast_slice(&order);
+        let buffer = sent(device, commands, layout, "the order of bricks", bytes)?;
+        self.bricks = Some((buffer, order.len() as u32));
+        Ok(())
+    }
+
+    /// Where the order of bricks lies, and how many there are, if they have one.
+    pub fn bricks(&self) -> Option<(u64, u32)> {
+        let (buffer, num) = self.bricks.as_ref()?;
+        Some((buffer.address(), *num))
     }
 
     /// How many there are.
@@ -93,6 +104,48 @@ impl DeviceMacrocells {
     pub fn word_groups(&self) -> [u32; 3] {
         spread(self.len().div_ceil(4 * u64::from(GROUP)))
     }
+}
+
+/// Most macrocells that shaders of the boundary can number, and most of their planes along an axis that its
+/// hierarchy can.
+const MOST_BOUNDED: u64 = u32::MAX as u64;
+const MOST_PLANES: u32 = u16::MAX as u32;
+
+/// Numbers of bricks, x first, in Morton order of their places.
+fn morton_order([nx, ny, nz]: [u32; 3]) -> Vec<u32> {
+    let spread = |n: u32| {
+        (0..21).fold(0u64, |code, bit| {
+            code | u64::from(n >> bit & 1) << (3 * bit)
+        })
+    };
+    let place = |i: u32| [i % nx, i / nx % ny, i / nx / ny];
+    let code = |i: &u32| {
+        let [x, y, z] = place(*i).map(spread);
+        x | y << 1 | z << 2
+    };
+    let mut order: Vec<u32> = (0..nx * ny * nz).collect();
+    order.sort_by_cached_key(code);
+    order
+}
+
+/// A buffer on the device with these bytes.
+fn sent(
+    device: &Arc<Device>,
+    commands: &mut Commands,
+    layout: &Layout,
+    what: &'static str,
+    bytes: &[u8],
+) -> Result<Buffer, GpuError> {
+    let size = bytes.len() as u64;
+    let buffer = Buffer::new(device, what, size, Place::Device)?;
+    let mut staging = Buffer::new(device, what, size, Place::Upload)?;
+    staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+    commands.run(layout, |recorder| {
+        recorder.copy(&staging, &buffer, 0, size);
+        recorder.barrier();
+        Ok(())
+    })?;
+    Ok(buffer)
 }
 
 /// Spreads workgroups over two axes; shaders number them the same way.

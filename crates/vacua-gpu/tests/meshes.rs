@@ -595,9 +595,10 @@ fn multi_leaves_are_found_by_rays_of_no_length() {
                 return;
             };
             let info = gpu.device().info();
-            let is_there = match tracer {
-                Tracer::Pipeline => info.has_ray_tracing(),
-                Tracer::Query => info.has_ray_queries(),
+            let is_there = if tracer == Tracer::Pipeline {
+                info.has_ray_tracing()
+            } else {
+                info.has_ray_queries()
             };
             if !is_there {
                 assert!(

@@ -14,9 +14,10 @@ use vacua_volume::{Association, Geometry, OpacityPoint, TransferFunction, ValueS
 const POINTS: [usize; 3] = [31, 29, 26];
 
 /// All ways to trace rays.
-const WAYS: [(SkipMethod, Tracer); 3] = [
+const WAYS: [(SkipMethod, Tracer); 4] = [
     (SkipMethod::Mesh, Tracer::Pipeline),
     (SkipMethod::Mesh, Tracer::Query),
+    (SkipMethod::Mesh, Tracer::Packets),
     (SkipMethod::Boxes, Tracer::Pipeline),
 ];
 
@@ -300,6 +301,7 @@ fn edits_of_the_transfer_function() {
                 refits += usize::from(took("refit"));
                 let is_built = took("blas") || took("refit");
                 assert_eq!(is_built, tracer == Tracer::Pipeline, "{what}: once an edit");
+                assert_eq!(took("tree"), tracer == Tracer::Packets, "{what}");
                 assert_eq!(
                     took("compact"),
                     options.structures.compact && is_built && method == SkipMethod::Mesh,

@@ -233,6 +233,7 @@ impl Contest {
         let name = |plan: &Plan| match (plan.method, plan.tracer) {
             (SkipMethod::None, _) => "none".to_owned(),
             (SkipMethod::Mesh, Some(Tracer::Query)) => format!("mesh by queries K={}", plan.side),
+            (SkipMethod::Mesh, Some(Tracer::Packets)) => format!("mesh by packets K={}", plan.side),
             (method, _) => format!("{} K={}", method.name(), plan.side),
         };
         let times = self.entries.iter();

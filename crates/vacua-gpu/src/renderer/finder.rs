@@ -6,10 +6,11 @@ use std::sync::Arc;
 use vacua_render::SkipMethod;
 
 use super::job::Job;
-use super::pipelines::{Met, Shader};
+use super::pipelines::{Beams, Met, Shader};
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
 use crate::shared::{MAX_RUNS, Push, TILE};
+use crate::skip::spread;
 use crate::vulkan::{Buffer, ComputePipeline, Place, RayPipeline, Recorder};
 
 /// A pipeline that finds runs.
@@ -18,6 +19,8 @@ pub(super) enum Finder {
     Compute(Arc<ComputePipeline>),
     /// A ray tracing pipeline.
     Rays(Arc<RayPipeline>),
+    /// Subgroups that walk our own hierarchy, each for a tile.
+    Packets(Arc<ComputePipeline>, Beams),
 }
 
 impl Finder {
@@ -25,6 +28,9 @@ impl Finder {
         match self {
             Self::Compute(pipeline) => recorder.dispatch(pipeline, push, tiles(size)),
             Self::Rays(pipeline) => recorder.trace(pipeline, push, size),
+            Self::Packets(pipeline, beams) => {
+                recorder.dispatch(pipeline, push, spread(beams.num_groups(size)));
+            }
         }
     }
 }
@@ -51,6 +57,12 @@ impl GpuRenderer {
             (_, None) => return Ok(None),
             (_, Some(Tracer::Query)) => {
                 Finder::Compute(self.pipelines.get(layout, Shader::Query, job.special)?)
+            }
+            (_, Some(Tracer::Packets)) => {
+                let beams = Beams::of_packets(self.device.info());
+                let beams = beams.ok_or_else(|| self.unsupported("packets of rays"))?;
+                let shader = Shader::Packets(beams);
+                Finder::Packets(self.pipelines.get(layout, shader, job.special)?, beams)
             }
             (SkipMethod::Boxes, Some(Tracer::Pipeline)) => {
                 Finder::Rays(self.pipelines.rays(layout, Met::Boxes, job.special)?)

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use vacua_render::SkipMethod;
 use vacua_skip::Quad;
 
 use super::GpuRenderer;
@@ -56,14 +55,14 @@ impl GpuRenderer {
         Ok(Some(map.iter().map(|&distance| distance == 0).collect()))
     }
 
-    /// The boundary of the last picture by `mesh` as the device has it, for tests: its faces, and
-    /// the corners of their triangles.
+    /// The boundary of the last picture by `mesh` as the device has it, for tests: its faces, and the
+    /// corners of their triangles, if there are any.
     ///
     /// # Errors
     /// What the driver says.
     pub fn boundary(&mut self) -> Result<Option<Boundary>, GpuError> {
         let outline = self.outline.as_ref();
-        let Some(outline) = outline.filter(|o| o.method() == SkipMethod::Mesh) else {
+        let Some(outline) = outline.filter(|o| o.is_boundary()) else {
             return Ok(None);
         };
         let num = outline.num as usize;
@@ -73,12 +72,15 @@ impl GpuRenderer {
             &self.layout,
             (&outline.faces, 4 * FACE_WORDS as usize * num),
         )?;
-        let corners = download(
-            &self.device,
-            &mut self.commands,
-            &self.layout,
-            (&outline.corners, 4 * FACE_NUMBERS as usize * num),
-        )?;
+        let corners = match outline.corners() {
+            Some(corners) => download(
+                &self.device,
+                &mut self.commands,
+                &self.layout,
+                (corners, 4 * FACE_NUMBERS as usize * num),
+            )?,
+            None => Vec::new(),
+        };
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&words);
         let quad = |face: &[u32]| Quad {
             axis: (face[0] & 3) as u8,

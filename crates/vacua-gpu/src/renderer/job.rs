@@ -207,7 +207,7 @@ impl Preparation<'_> {
                     let pass = Push {
                         skip_before: maps[from],
                         skip: maps[to],
-                        axis: axis as u32,
+                        pass: axis as u32,
                         ..job.push
                     };
                     r.dispatch(pipeline, &pass, groups);

@@ -9,6 +9,9 @@ pub enum Tracer {
     Pipeline,
     /// By compute shaders that ask the structures.
     Query,
+    /// By compute shaders that walk a hierarchy of our own, all rays of a subgroup together: on any device
+    /// whose subgroups have eight lanes or more. For faces of the boundary only, not for cells of a mesh.
+    Packets,
 }
 
 /// How the lanes of a subgroup look for the cells of a packed mesh, or for what is active ahead of them in

@@ -1,36 +1,56 @@
 //! What rays are traced against: the triangulated boundary of the active macrocells (paper A §4.2.2
-//! and §4.2.3), or proxy boxes around them, and the acceleration structures over it.
+//! and §4.2.3) or proxy boxes around them, under acceleration structures of the driver, or the boundary
+//! under a hierarchy of our own.
 //!
 //! The boundary never leaves the device: the host learns the number of its faces, because structures
 //! cannot be built over a number that only the device knows. Boxes are clustered on the host, as their
 //! authors do it.
 
-use std::time::Instant;
+mod boundary;
+mod boxes;
+
+use std::sync::Arc;
 
 use vacua_render::SkipMethod;
-use vacua_skip::{ActiveMask, cluster_boxes};
 
 use super::job::{Job, Preparation, SkipKey, Steps};
-use super::pipelines::Shader;
-use super::{GpuRenderer, Plan, StructureOptions};
+use super::{GpuRenderer, Plan, StructureOptions, Tracer};
 use crate::error::GpuError;
-use crate::shared::{FACE_NUMBERS, FACE_WORDS, POINTS_A_GROUP};
+use crate::shared::Push;
 use crate::skip::spread;
 use crate::vulkan::{
-    Buffer, BuildMode, CompactedSize, Place, Recorder, Shapes, Structure, Timings,
+    Buffer, BuildMode, ComputePipeline, Place, Recorder, Shapes, Structure, Timings,
 };
 
 /// Numbers of a box: two corners.
 const BOX_NUMBERS: usize = 6;
 
-/// Most faces whose corners shaders can number.
-const MOST_FACES: u32 = 1 << 27;
+/// What an outline is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Triangles of the boundary.
+    Triangles,
+    /// Proxy boxes.
+    Boxes,
+    /// Faces of the boundary, under our own hierarchy.
+    Faces,
+}
+
+impl Kind {
+    fn of(method: SkipMethod, tracer: Tracer) -> Self {
+        match (method, tracer) {
+            (SkipMethod::Boxes, _) => Self::Boxes,
+            (_, Tracer::Packets) => Self::Faces,
+            _ => Self::Triangles,
+        }
+    }
+}
 
 /// What an outline depends on, besides volume and transfer function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OutlineKey {
     skip: SkipKey,
-    method: SkipMethod,
+    kind: Kind,
     /// What rounding can move a computed coordinate by.
     slack: f32,
     options: StructureOptions,
@@ -38,45 +58,133 @@ pub(super) struct OutlineKey {
 
 /// What rays are traced against.
 pub(super) struct Outline {
-    pub key: OutlineKey,
+    key: OutlineKey,
     /// Faces of the boundary, or boxes.
     pub num: u32,
-    /// Those that there is room for.
-    capacity: u32,
     pub faces: Buffer,
-    pub corners: Buffer,
-    pub lower: Structure,
-    pub upper: Structure,
+    over: Over,
+}
+
+/// What leads rays to faces or boxes.
+enum Over {
+    Structures(Structures),
+    Tree(Tree),
+}
+
+/// Acceleration structures of the driver.
+struct Structures {
+    /// Faces or boxes that there is room for.
+    capacity: u32,
+    corners: Buffer,
+    lower: Structure,
+    upper: Structure,
     instance: Buffer,
+}
+
+/// Our own hierarchy.
+struct Tree {
+    nodes: Buffer,
+    /// Levels of it.
+    height: u32,
 }
 
 /// What is left to be recorded before an outline can be used.
 pub(super) struct Pending {
-    lower: Option<Lower>,
+    faces: Option<PendingFaces>,
+    over: PendingOver,
 }
 
-struct Lower {
-    /// Groups of lattice points; none for boxes, which are there already.
-    groups: Option<[u32; 3]>,
-    is_update: bool,
+/// The boundary's faces, by groups of lattice points.
+#[derive(Clone)]
+struct PendingFaces {
+    write: Arc<ComputePipeline>,
+    groups: [u32; 3],
+}
+
+enum PendingOver {
+    /// The lower structure is there.
+    Upper,
+    Structures {
+        /// Whether the lower one is moved instead of built.
+        is_update: bool,
+    },
+    Tree(Arc<ComputePipeline>),
 }
 
 impl Outline {
-    fn shapes(&self) -> Shapes {
-        shapes(self.key.method, &self.corners, self.capacity)
+    /// Whether it is the boundary.
+    pub fn is_boundary(&self) -> bool {
+        self.key.kind != Kind::Boxes
     }
 
-    /// The method that it is for.
-    pub fn method(&self) -> SkipMethod {
-        self.key.method
+    /// Corners of the triangles or boxes, if there are any.
+    pub fn corners(&self) -> Option<&Buffer> {
+        match &self.over {
+            Over::Structures(structures) => Some(&structures.corners),
+            Over::Tree(_) => None,
+        }
     }
 
-    /// Bytes of everything.
-    pub fn size_bytes(&self) -> u64 {
-        let buffers = self.faces.size_bytes() + self.corners.size_bytes();
-        buffers + self.lower.size_bytes() + self.upper.size_bytes()
+    /// Bytes of everything, and of what leads rays to triangles, faces or boxes alone.
+    pub fn size_bytes(&self) -> [u64; 2] {
+        let [over, alone] = match &self.over {
+            Over::Structures(s) => {
+                let lower = s.lower.size_bytes();
+                [s.corners.size_bytes() + lower + s.upper.size_bytes(), lower]
+            }
+            Over::Tree(tree) => [tree.nodes.size_bytes(); 2],
+        };
+        [self.faces.size_bytes() + over, alone]
     }
 
+    /// Tells shaders where it lies.
+    fn fill(&self, job: &mut Job) {
+        let parameters = &mut job.parameters;
+        parameters.faces = self.faces.address();
+        parameters.corners = self.corners().map_or(0, Buffer::address);
+        parameters.num_faces = self.num;
+        if let Over::Tree(tree) = &self.over {
+            parameters.nodes = tree.nodes.address();
+            parameters.tree_height = tree.height;
+        }
+    }
+
+    /// Records what is left of it; the last thing before rays are traced.
+    pub fn record(&self, recorder: &mut Recorder<'_>, pending: &Pending, job: &Job) {
+        self.record_lower(recorder, pending, job);
+        if let Over::Structures(structures) = &self.over {
+            structures.record_upper(recorder);
+        }
+    }
+
+    fn record_lower(&self, recorder: &mut Recorder<'_>, pending: &Pending, job: &Job) {
+        if let Some(faces) = &pending.faces {
+            recorder.stage("triangles", |r| {
+                if let Over::Structures(s) = &self.over
+                    && self.num < s.capacity
+                {
+                    // Shapes that there are no faces for are points, which no ray meets.
+                    r.clear(&s.corners);
+                    r.barrier();
+                }
+                r.dispatch(&faces.write, &job.push, faces.groups);
+            });
+        }
+        match (&self.over, &pending.over) {
+            (Over::Structures(s), &PendingOver::Structures { is_update }) => {
+                let shapes = shapes(self.key.kind, &s.corners, s.capacity);
+                let name = if is_update { "refit" } else { "blas" };
+                recorder.stage(name, |r| r.build(&s.lower, shapes, is_update));
+            }
+            (Over::Tree(tree), PendingOver::Tree(level)) => {
+                recorder.stage("tree", |r| tree.record(r, level, &job.push, self.num));
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Structures {
     fn record_upper(&self, recorder: &mut Recorder<'_>) {
         let shapes = Shapes::Instance {
             address: self.instance.address(),
@@ -89,15 +197,56 @@ impl Outline {
     }
 }
 
+impl Tree {
+    /// Children of a node, and bytes of one, as shaders have them.
+    const WIDTH: u32 = 32;
+    const NODE_BYTES: u64 = 12;
+    /// Invocations of a workgroup that builds a level.
+    const BUILDERS: u64 = 64;
+
+    /// Levels of a tree over so many faces.
+    fn height(num: u32) -> u32 {
+        let mut height = 0;
+        let mut nodes = num;
+        while nodes > 1 || height == 0 && nodes > 0 {
+            nodes = nodes.div_ceil(Self::WIDTH);
+            height += 1;
+        }
+        height
+    }
+
+    /// Nodes that there must be room for: every level but the lowest has room for all that it could have.
+    fn room(num: u32) -> u64 {
+        let above: u64 = (0..Self::height(num).saturating_sub(1))
+            .map(|depth| u64::from(Self::WIDTH).pow(depth))
+            .sum();
+        above + u64::from(num.div_ceil(Self::WIDTH))
+    }
+
+    /// Builds level by level, from the lowest.
+    fn record(&self, recorder: &Recorder<'_>, level: &ComputePipeline, push: &Push, num: u32) {
+        let mut nodes = u64::from(num);
+        for height in 1..=self.height {
+            nodes = nodes.div_ceil(u64::from(Self::WIDTH));
+            recorder.barrier();
+            let push = Push {
+                pass: height,
+                ..*push
+            };
+            recorder.dispatch(level, &push, spread(nodes.div_ceil(Self::BUILDERS)));
+        }
+    }
+}
+
 /// What a structure is built over.
-fn shapes(method: SkipMethod, corners: &Buffer, capacity: u32) -> Shapes {
+fn shapes(kind: Kind, corners: &Buffer, capacity: u32) -> Shapes {
     let address = corners.address();
-    match method {
-        SkipMethod::Boxes => Shapes::Boxes {
+    match kind {
+        Kind::Boxes => Shapes::Boxes {
             address,
             num: capacity,
         },
-        _ => Shapes::Triangles {
+        Kind::Triangles | Kind::Faces => Shapes::Triangles {
             address,
             num: 2 * capacity,
         },
@@ -123,6 +272,7 @@ impl GpuRenderer {
         &mut self,
         job: &mut Job,
         plan: Plan,
+        tracer: Tracer,
         timings: &mut Timings,
     ) -> Result<Option<Pending>, GpuError> {
         let slack = job.parameters.length_sq[3];
@@ -130,7 +280,7 @@ impl GpuRenderer {
         job.parameters.flange = 4.0 * slack;
         let key = OutlineKey {
             skip: job.key,
-            method: plan.method,
+            kind: Kind::of(plan.method, tracer),
             slack,
             options: self.options.structures,
         };
@@ -141,154 +291,17 @@ impl GpuRenderer {
         } else {
             let older = self.outline.take();
             self.outline_is_current = false;
-            Some(match plan.method {
-                SkipMethod::Boxes => self.new_boxes(job, plan, key, older, timings)?,
-                _ => self.new_boundary(job, plan, key, older, timings)?,
+            Some(match key.kind {
+                Kind::Boxes => self.new_boxes(job, plan, key, older, timings)?,
+                Kind::Triangles | Kind::Faces => {
+                    self.new_boundary(job, plan, key, older, timings)?
+                }
             })
         };
         if let Some(outline) = &self.outline {
-            job.parameters.faces = outline.faces.address();
-            job.parameters.corners = outline.corners.address();
+            outline.fill(job);
         }
         Ok(pending)
-    }
-
-    /// Counts the faces of the boundary, and makes room for them.
-    fn new_boundary(
-        &mut self,
-        job: &mut Job,
-        plan: Plan,
-        key: OutlineKey,
-        older: Option<Outline>,
-        timings: &mut Timings,
-    ) -> Result<Pending, GpuError> {
-        let points = self.macrocells.get(&plan.side).and_then(|m| m.points());
-        let Some(points) = points else {
-            return Err(GpuError::Unsupported {
-                what: format!("the boundary of macrocells of {} cells a side", plan.side),
-                device: self.device.name().to_owned(),
-            });
-        };
-        let num_groups = points.div_ceil(POINTS_A_GROUP);
-        let groups = spread(num_groups.into());
-        let counts = self.face_counts.take();
-        let counts = grown(self, counts, 4 * u64::from(num_groups))?;
-        job.parameters.num_face_groups = num_groups;
-        job.parameters.face_counts = counts.address();
-        self.face_counts = Some(counts);
-        let steps = self.steps(job, plan)?;
-        let count = self
-            .pipelines
-            .get(&self.layout, Shader::BoundaryCount, job.special)?;
-        let scan = self
-            .pipelines
-            .get(&self.layout, Shader::BoundaryScan, job.special)?;
-        self.run_first(job, &steps, plan, timings, |recorder, known| {
-            recorder.stage("faces", |r| {
-                r.dispatch(&count, &job.push, groups);
-                r.barrier();
-                r.dispatch(&scan, &job.push, [1, 1, 1]);
-            });
-            recorder.stage("count", |r| {
-                r.copy(&known.tables.counter, &known.tables.counted, 0, 8);
-            });
-        })?;
-        let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..8]);
-        let num = counted[1];
-        if num > MOST_FACES {
-            return Err(self.unsupported(&format!("a boundary of {num} faces")));
-        }
-        let options = self.options.structures;
-        // To be moved later, a structure has to have room for more shapes than there are.
-        let wanted = if options.refit { num + num / 4 } else { num }.max(1);
-        let is_alike = |o: &Outline| o.key.method == key.method && o.key.options == options;
-        let older_capacity = older.as_ref().filter(|o| is_alike(o)).map(|o| o.capacity);
-        let is_update = options.refit && older_capacity.is_some_and(|room| room >= num.max(1));
-        let capacity = match older_capacity {
-            Some(room) if is_update => room,
-            _ => wanted,
-        };
-        let sizes = [4 * FACE_WORDS, 4 * FACE_NUMBERS].map(|n| n * u64::from(capacity));
-        self.new_structures(key, (num, capacity), sizes, is_update, older)?;
-        if options.compact && !is_update {
-            self.compact(job, groups, timings)?;
-            return Ok(Pending { lower: None });
-        }
-        Ok(Pending {
-            lower: Some(Lower {
-                groups: Some(groups),
-                is_update,
-            }),
-        })
-    }
-
-    /// Clusters the active macrocells on the host, and sends the boxes.
-    fn new_boxes(
-        &mut self,
-        job: &mut Job,
-        plan: Plan,
-        key: OutlineKey,
-        older: Option<Outline>,
-        timings: &mut Timings,
-    ) -> Result<Pending, GpuError> {
-        let steps = self.steps(job, plan)?;
-        let len = job.lattice.len();
-        let mask = Buffer::new(&self.device, "the mask", len as u64, Place::Download)?;
-        self.run_first(job, &steps, plan, timings, |recorder, known| {
-            recorder.stage("mask", |r| {
-                if let Some(cells) = known.cells {
-                    r.copy(&cells.maps[0], &mask, 0, len as u64);
-                }
-            });
-        })?;
-        let start = Instant::now();
-        let mut active = ActiveMask::inactive(job.lattice.counts());
-        let [nx, ny, _] = job.lattice.counts();
-        for (i, _) in mask.bytes()[..len]
-            .iter()
-            .enumerate()
-            .filter(|(_, b)| **b == 0)
-        {
-            active.set([i % nx, i / nx % ny, i / (nx * ny)], true);
-        }
-        let boxes = cluster_boxes(&active);
-        timings.0.push(("cluster", start.elapsed().as_secs_f64()));
-        let num = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
-        let capacity = num.max(1);
-        let size = 4 * (BOX_NUMBERS * capacity as usize) as u64;
-        self.new_structures(key, (num, capacity), [size; 2], false, older)?;
-        let wider = job.parameters.flange;
-        // Both as they are and wider, one after the other; what there is no box for is far away.
-        let mut numbers = vec![f32::MAX; 2 * BOX_NUMBERS * capacity as usize];
-        let (exact, wide) = numbers.split_at_mut(BOX_NUMBERS * capacity as usize);
-        for (i, corners) in boxes.iter().enumerate() {
-            for (c, corner) in corners.iter().enumerate() {
-                for (a, &plane) in corner.iter().enumerate() {
-                    let at = BOX_NUMBERS * i + 3 * c + a;
-                    exact[at] = job.lattice.plane(a, plane);
-                    wide[at] = exact[at] + if c == 0 { -wider } else { wider };
-                }
-            }
-        }
-        let bytes: &[u8] = bytemuck::cast_slice(&numbers);
-        let mut staging = Buffer::new(&self.device, "boxes", bytes.len() as u64, Place::Upload)?;
-        staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-        if let Some(outline) = &self.outline {
-            let sent = self.commands.run(&self.layout, |recorder| {
-                recorder.stage("boxes", |r| {
-                    r.copy(&staging, &outline.faces, 0, size);
-                    r.copy_between((&staging, size), (&outline.corners, 0), size);
-                });
-                Ok(())
-            })?;
-            timings.0.extend(sent.0);
-        }
-        Ok(Pending {
-            lower: Some(Lower {
-                groups: None,
-                is_update: false,
-            }),
-        })
     }
 
     /// Runs what must be known before structures can be made.
@@ -329,24 +342,26 @@ impl GpuRenderer {
         is_update: bool,
         older: Option<Outline>,
     ) -> Result<(), GpuError> {
-        let (mut lower, mut faces, mut corners) = (None, None, None);
-        if let Some(outline) = older {
-            (lower, faces, corners) = (
-                Some(outline.lower),
-                Some(outline.faces),
-                Some(outline.corners),
-            );
-        }
-        let faces = grown(self, faces, face_bytes)?;
-        let corners = grown(self, corners, corner_bytes)?;
-        let over = shapes(key.method, &corners, capacity);
+        let (older_faces, older) = match older {
+            Some(Outline {
+                faces,
+                over: Over::Structures(structures),
+                ..
+            }) => (Some(faces), Some((structures.lower, structures.corners))),
+            Some(Outline { faces, .. }) => (Some(faces), None),
+            None => (None, None),
+        };
+        let (older_lower, older_corners) = older.unzip();
+        let faces = grown(self, older_faces, face_bytes)?;
+        let corners = grown(self, older_corners, corner_bytes)?;
+        let over = shapes(key.kind, &corners, capacity);
         let options = key.options;
         let mode = BuildMode {
             preference: options.preference,
-            compactable: options.compact && key.method == SkipMethod::Mesh,
-            updatable: options.refit && key.method == SkipMethod::Mesh,
+            compactable: options.compact && key.kind == Kind::Triangles,
+            updatable: options.refit && key.kind == Kind::Triangles,
         };
-        let lower = match lower {
+        let lower = match older_lower {
             Some(lower) if is_update => lower,
             older => Structure::new(&self.device, over, mode, older)?,
         };
@@ -363,93 +378,39 @@ impl GpuRenderer {
         self.outline = Some(Outline {
             key,
             num,
-            capacity,
             faces,
-            corners,
-            lower,
-            upper,
-            instance,
+            over: Over::Structures(Structures {
+                capacity,
+                corners,
+                lower,
+                upper,
+                instance,
+            }),
         });
         Ok(())
-    }
-
-    /// Builds the structure over the boundary now, and copies it to where it takes less memory.
-    fn compact(
-        &mut self,
-        job: &mut Job,
-        groups: [u32; 3],
-        timings: &mut Timings,
-    ) -> Result<(), GpuError> {
-        let size = CompactedSize::new(&self.device)?;
-        let pending = Pending {
-            lower: Some(Lower {
-                groups: Some(groups),
-                is_update: false,
-            }),
-        };
-        let Some(mut outline) = self.outline.take() else {
-            return Ok(());
-        };
-        job.parameters.faces = outline.faces.address();
-        job.parameters.corners = outline.corners.address();
-        let write = self
-            .pipelines
-            .get(&self.layout, Shader::BoundaryWrite, job.special)?;
-        let found = self.commands.run(&self.layout, |recorder| {
-            recorder.stage("tables", |r| {
-                r.write(&self.tables.parameters, bytemuck::bytes_of(&job.parameters));
-            });
-            pending.record_lower(recorder, &outline, job, &write);
-            recorder.stage("size", |r| r.ask_size(&outline.lower, &size));
-            Ok(())
-        })?;
-        timings.0.extend(found.0);
-        let smaller = outline.lower.compacted(size.bytes()?)?;
-        let found = self.commands.run(&self.layout, |recorder| {
-            recorder.stage("compact", |r| r.compact(&outline.lower, &smaller));
-            Ok(())
-        })?;
-        timings.0.extend(found.0);
-        outline.lower = smaller;
-        self.outline = Some(outline);
-        Ok(())
-    }
-
-    /// Records what is left of an outline; the last thing before rays are traced.
-    pub(super) fn record_outline(
-        recorder: &mut Recorder<'_>,
-        pending: &Pending,
-        outline: &Outline,
-        job: &Job,
-        write: &crate::vulkan::ComputePipeline,
-    ) {
-        pending.record_lower(recorder, outline, job, write);
-        outline.record_upper(recorder);
     }
 }
 
-impl Pending {
-    fn record_lower(
-        &self,
-        recorder: &mut Recorder<'_>,
-        outline: &Outline,
-        job: &Job,
-        write: &crate::vulkan::ComputePipeline,
-    ) {
-        let Some(lower) = &self.lower else { return };
-        if let Some(groups) = lower.groups {
-            recorder.stage("triangles", |r| {
-                if outline.num < outline.capacity {
-                    // Shapes that there are no faces for are points, which no ray meets.
-                    r.clear(&outline.corners);
-                    r.barrier();
-                }
-                r.dispatch(write, &job.push, groups);
-            });
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_and_room_of_trees() {
+        for (num, height, room) in [
+            (0, 0, 0),
+            (1, 1, 1),
+            (32, 1, 1),
+            (33, 2, 1 + 2),
+            (1024, 2, 1 + 32),
+            (1025, 3, 1 + 32 + 33),
+            (1 << 27, 6, 1 + 32 + 1024 + 32768 + 1_048_576 + (1 << 22)),
+        ] {
+            assert_eq!(
+                (Tree::height(num), Tree::room(num)),
+                (height, room),
+                "{num}"
+            );
         }
-        let name = if lower.is_update { "refit" } else { "blas" };
-        recorder.stage(name, |r| {
-            r.build(&outline.lower, outline.shapes(), lower.is_update)
-        });
     }
 }

@@ -23,7 +23,9 @@ pub(super) enum Shader {
     BoundaryCount,
     BoundaryScan,
     BoundaryWrite,
+    Tree,
     Query,
+    Packets(Beams),
     March,
     MarchBeams(Beams),
     MarchRuns,
@@ -39,7 +41,9 @@ impl Shader {
             Self::BoundaryCount => shaders::BOUNDARY_COUNT,
             Self::BoundaryScan => shaders::BOUNDARY_SCAN,
             Self::BoundaryWrite => shaders::BOUNDARY_WRITE,
+            Self::Tree => shaders::TREE,
             Self::Query => shaders::QUERY,
+            Self::Packets(_) => shaders::PACKETS,
             Self::March => shaders::MARCH,
             Self::MarchBeams(beams) if beams.is_lit => shaders::MARCH_BEAMS_LIT,
             Self::MarchBeams(_) => shaders::MARCH_BEAMS,
@@ -54,8 +58,8 @@ impl Shader {
         match self {
             Self::Ranges => &[CELL_DATA, CHECK_FINITE, BLANKED, NUM_SLABS],
             Self::Classify => &[LOG_SCALE, MAXIMUM],
-            Self::Distance | Self::BoundaryCount | Self::BoundaryScan => &[],
-            Self::BoundaryWrite | Self::Query | Self::Overlay => &[RECTILINEAR],
+            Self::Distance | Self::BoundaryCount | Self::BoundaryScan | Self::Tree => &[],
+            Self::BoundaryWrite | Self::Query | Self::Packets(_) | Self::Overlay => &[RECTILINEAR],
             Self::March | Self::MarchBeams(_) | Self::MarchRuns => &[
                 SKIPPING,
                 CELL_DATA,
@@ -71,7 +75,7 @@ impl Shader {
     }
 }
 
-/// How the subgroups of a device march over uniform grids.
+/// How the subgroups of a device march over uniform grids, or walk the hierarchy over a boundary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Beams {
     /// Lanes of one.
@@ -93,22 +97,41 @@ impl Beams {
     /// 40 % slower than with four.
     const INVOCATIONS: u32 = 512;
 
+    /// The same of packets, which take tiles as they come: small, not to wait for each other.
+    const IN_PACKETS: u32 = 128;
+
     /// `None` if lanes cannot vote, or are too few or too many.
     pub fn new(info: &DeviceInfo, is_lit: bool) -> Option<Self> {
         let lanes = info.subgroup_lanes?;
         if !lanes.is_power_of_two() || !(4..=128).contains(&lanes) {
             return None;
         }
+        Some(Self::with_invocations(
+            info,
+            lanes,
+            is_lit,
+            Self::INVOCATIONS,
+        ))
+    }
+
+    /// Of packets; `None` as for `new`, or where subgroups have no lane for each level of the hierarchy.
+    pub fn of_packets(info: &DeviceInfo) -> Option<Self> {
+        let Self { lanes, .. } = Self::new(info, false)?;
+        let found = Self::with_invocations(info, lanes, false, Self::IN_PACKETS);
+        (lanes >= 8).then_some(found)
+    }
+
+    fn with_invocations(info: &DeviceInfo, lanes: u32, is_lit: bool, invocations: u32) -> Self {
         // Mesa's lavapipe has all subgroups of a workgroup wait where one does.
         let invocations = match info.kind {
             DeviceKind::Cpu => lanes,
-            _ => Self::INVOCATIONS.min(info.max_invocations),
+            _ => invocations.min(info.max_invocations).max(lanes),
         };
-        Some(Self {
+        Self {
             lanes,
             subgroups: invocations / lanes,
             is_lit,
-        })
+        }
     }
 
     /// Whether a beam is narrow enough for its look at a box of macrocells to tell much: where the middle of the
@@ -141,6 +164,14 @@ impl Beams {
         let pixels = u64::from(width) * u64::from(rows);
         let groups = pixels.div_ceil(u64::from(self.lanes * self.subgroups));
         [groups.min(u64::from(Self::MOST_GROUPS)) as u32, 1, 1]
+    }
+
+    /// Workgroups that have a subgroup for every tile of a picture of a device's own size.
+    pub fn num_groups(self, [width, rows]: [u32; 2]) -> u64 {
+        let columns = 1 << self.lanes.ilog2().div_ceil(2);
+        let tiles =
+            u64::from(width.div_ceil(columns)) * u64::from(rows.div_ceil(self.lanes / columns));
+        tiles.div_ceil(u64::from(self.subgroups))
     }
 }
 
@@ -213,7 +244,7 @@ impl Pipelines {
     ) -> Result<Arc<ComputePipeline>, GpuError> {
         let mut constants = constants(shader.constants(), special);
         let mut lanes = None;
-        if let Shader::MarchBeams(beams) = shader {
+        if let Shader::MarchBeams(beams) | Shader::Packets(beams) = shader {
             constants.extend(beams.constants());
             lanes = Some(beams.lanes);
         }

@@ -68,7 +68,7 @@ impl GpuRenderer {
             return Ok(timings);
         };
         let pending = match tracer {
-            Some(_) => self.outline(&mut job, plan, &mut timings)?,
+            Some(tracer) => self.outline(&mut job, plan, tracer, &mut timings)?,
             None => None,
         };
         let steps = self.steps(&job, plan)?;
@@ -100,14 +100,6 @@ impl GpuRenderer {
                 Some(get?)
             }
         };
-        let write = match &pending {
-            Some(_) => Some(self.pipelines.get(
-                &self.layout,
-                Shader::BoundaryWrite,
-                job.special,
-            )?),
-            None => None,
-        };
         let (Some(look), Some(picture)) = (&self.look, &self.picture) else {
             return Ok(timings);
         };
@@ -127,8 +119,8 @@ impl GpuRenderer {
         let mesh = self.mesh.as_ref();
         let found = self.commands.run(&self.layout, |recorder| {
             preparation.record(recorder);
-            if let (Some(pending), Some(outline), Some(write)) = (&pending, outline, &write) {
-                Self::record_outline(recorder, pending, outline, &job, write);
+            if let (Some(pending), Some(outline)) = (&pending, outline) {
+                outline.record(recorder, pending, &job);
             }
             for frame in frames.filter(|_| !is_empty) {
                 let mut push = pass(job.push, settings, frame, num_frames);
@@ -214,6 +206,7 @@ impl GpuRenderer {
         let all = [
             (info.has_ray_tracing(), Tracer::Pipeline),
             (info.has_ray_queries(), Tracer::Query),
+            (Beams::of_packets(info).is_some(), Tracer::Packets),
         ];
         let there = all.into_iter().filter(|(is_there, _)| *is_there);
         there.map(|(_, tracer)| tracer).collect()

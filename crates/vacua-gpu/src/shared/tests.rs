@@ -145,8 +145,12 @@ fn parameters() -> Members {
         faces,
         corners,
         face_counts,
+        bricks,
+        nodes,
         num_face_groups,
         flange,
+        num_faces,
+        tree_height,
     })
 }
 
@@ -169,7 +173,7 @@ fn push() -> Members {
         jitter,
         weight,
         frame,
-        axis,
+        pass,
     })
 }
 
@@ -329,7 +333,7 @@ fn disagreements_are_noticed() {
     swapped.insert("weight".to_owned(), jitter);
     assert_ne!(theirs, swapped);
     let mut wider = push();
-    wider.insert("axis".to_owned(), (wider["axis"].0, 8));
+    wider.insert("pass".to_owned(), (wider["pass"].0, 8));
     assert_ne!(theirs, wider);
 }
 
@@ -360,8 +364,10 @@ fn both_sides_agree_on_constants() {
     assert_eq!(value("LIGHT_DOUBLINGS"), doublings.to_string());
     let boundary = include_str!("../boundary.glsl");
     assert!(boundary.contains("POINTS_EACH = 8;"));
-    assert!(boundary.contains("POINTS_A_GROUP = 256 * POINTS_EACH;"));
-    assert_eq!(POINTS_A_GROUP, 8 * 256);
+    let [x, y, z] = BRICK;
+    assert!(boundary.contains(&format!("BRICK = uvec3({x}, {y}, {z});")));
+    assert!(boundary.contains(&format!("local_size_x = {GROUP})")));
+    assert_eq!(x * y * z, 8 * GROUP);
     let runs = include_str!("../runs.glsl");
     assert!(runs.contains(&format!("MAX_RUNS = {MAX_RUNS};")));
     assert!(runs.contains(&format!("RUN_STRIDE = {};", TILE * TILE)));
