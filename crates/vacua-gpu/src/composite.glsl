@@ -31,23 +31,42 @@ Pixel empty_pixel() {
     return Pixel(vec3(0.0), 1.0, -1.0, parameters.table_scale.w, 0);
 }
 
-// Composites sample `k`: a part of the largest extinction over a length, and a colour.
-void composite(inout Pixel pixel, float k, float extinction, float optical_length, vec3 color) {
-    precise float depth = extinction * optical_length;
+// Where a value is in the transfer table, and its extinction as a part of the largest.
+struct Seen {
+    uint bin;
+    float t;
+    float extinction;
+};
+
+// What is seen of the value of sample `k`: nothing is left to be composited where there is no extinction.
+Seen see(inout Pixel pixel, float k, float value) {
+    if (MAXIMUM) {
+        if (value > pixel.best) {
+            pixel.best = value;
+            pixel.depth_sample = k;
+        }
+        return Seen(0, 0.0, 0.0);
+    }
+    float coordinate = table_coordinate(value);
+    uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
+    float t = coordinate - float(bin);
+    return Seen(bin, t, extinction_at(bin, t));
+}
+
+// Composites sample `k` over a length; `light` is a factor on its colour and white that is added to it.
+void composite(inout Pixel pixel, float k, Seen seen, float optical_length, vec2 light) {
+    vec3 color = color_at(seen.bin, seen.t);
+    if (SHADED) {
+        precise vec3 lit = fma(color, vec3(light.x), vec3(light.y));
+        color = lit;
+    }
+    precise float depth = seen.extinction * optical_length;
     precise float behind = pixel.transmittance * exp2(-depth);
     precise float weight = pixel.transmittance - behind;
     precise vec3 sum = fma(vec3(weight), color, pixel.color);
     pixel.color = sum;
     pixel.transmittance = behind;
     if (behind <= 0.5 && pixel.depth_sample < 0.0) pixel.depth_sample = k;
-}
-
-// Keeps the largest value.
-void maximise(inout Pixel pixel, float k, float value) {
-    if (value > pixel.best) {
-        pixel.best = value;
-        pixel.depth_sample = k;
-    }
 }
 
 // Writes a pixel, or adds it to the frames before; `row` is one of this device's own.

@@ -53,23 +53,14 @@ void add(inout Pixel pixel, Mesh mesh, float k, vec3 place, float optical_length
         is_valid = value_in_cell(mesh, part, cell, place, value);
     }
     if (!is_valid) return;
-    if (MAXIMUM) {
-        maximise(pixel, k, value);
-        return;
-    }
-    float coordinate = table_coordinate(value);
-    uint bin = min(uint(coordinate), uint(TRANSFER_BINS - 1));
-    float t = coordinate - float(bin);
-    float extinction = extinction_at(bin, t);
-    if (extinction <= 0.0) return;
-    vec3 color = color_at(bin, t);
+    Seen seen = see(pixel, k, value);
+    if (seen.extinction <= 0.0) return;
+    vec2 light = vec2(1.0, 0.0);
     if (SHADED) {
         vec3 gradient = gradient_in_cell(mesh, part, at.cell, place) * corner.w;
-        vec2 lit = shade(gradient, ray.direction);
-        precise vec3 shaded = fma(color, vec3(lit.x), vec3(lit.y));
-        color = shaded;
+        light = shade(gradient, ray.direction);
     }
-    composite(pixel, k, extinction, optical_length, color);
+    composite(pixel, k, seen, optical_length, light);
 }
 
 // Smallest cell in the box between two cubes of ray space, from below: boxes grow to at most two

@@ -153,3 +153,18 @@ pub(crate) fn spread(groups: u64) -> [u32; 3] {
     const MOST: u64 = 65535;
     [groups.min(MOST) as u32, groups.div_ceil(MOST) as u32, 1]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bricks_follow_each_other_in_morton_order() {
+        assert_eq!(morton_order([2, 2, 2]), [0, 1, 2, 3, 4, 5, 6, 7]);
+        // Of a row of three, the first two and all beside them come before the third.
+        assert_eq!(morton_order([3, 2, 1]), [0, 1, 3, 4, 2, 5]);
+        let mut order = morton_order([7, 1, 5]);
+        order.sort_unstable();
+        assert_eq!(order, (0..35).collect::<Vec<u32>>());
+    }
+}

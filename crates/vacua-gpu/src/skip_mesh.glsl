@@ -13,8 +13,8 @@
 // as one is sought.
 
 // Macrocells that a ray follows the active region by the mask, and a gap behind it.
-const int FOLLOWED = 16;
-const int CROSSED = 4;
+const int FOLLOWED = 32;
+const int CROSSED = 8;
 
 const uint NO_FACE = 0xffffffffu;
 
@@ -36,15 +36,16 @@ bool is_active(Ray ray, uint k) {
     return is_active(uvec3(macrocell_of(position(ray, float(k)))));
 }
 
-// Moves a sample in an active macrocell to the first in another that is not, if it is near; whether it
-// is, or the ray ends before.
+// Moves a sample in an active macrocell to the first in another that is not, if it is near, else to one
+// before it; whether it is, or the ray ends before.
 bool follow(Ray ray, vec3 inverse_step, inout uint k) {
-    for (int i = 0; i <= FOLLOWED; ++i) {
+    for (int i = 0; k < ray.end; ++i) {
         uint next;
-        if (k >= ray.end || look_ahead(ray, inverse_step, k, next) > 0) return true;
+        if (look_ahead(ray, inverse_step, k, next) > 0) break;
+        if (i == FOLLOWED) return false;
         k = next;
     }
-    return false;
+    return true;
 }
 
 // Moves a sample to the first one that is in an active macrocell, if it is near; whether it is. A ray
