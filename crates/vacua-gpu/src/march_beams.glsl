@@ -1,4 +1,4 @@
-// Rays of a subgroup that look ahead together, along their beam, and sample the same stretches of samples.
+// Rays of a subgroup that look ahead together, and sample the same stretches of samples.
 // Subgroups take tiles of the picture in turn, until none is left, and have the transfer table from one to
 // the next.
 //
@@ -8,7 +8,21 @@
 //
 // The including stage says how many samples are fetched before the first of them is evaluated: `BATCH`. As a
 // constant that pipelines are specialised by, with a loop whose count compilers do not know, it was 9.66
-// instead of 6.34 ms on an H100 where surfaces are lit.
+// instead of 6.34 ms on an H100 where surfaces are lit. And it says what is ahead: `Ahead` is what a subgroup
+// keeps for that, made by `ahead_of`; `rounds_from` gives a bit for each of the next rounds that any of its
+// rays wants samples of, and `stretches_from` for each stretch of a round. Both ask in ascending order.
+
+// Samples that are sampled or left out together: a part of a block, so that what follows an active macrocell
+// is not sampled far beyond it.
+const uint STRETCH = 4;
+// Samples of as many stretches as there are bits.
+const uint ROUND = STRETCH * LOOKERS;
+
+#ifdef OVER_RUNS
+#include "ahead_runs.glsl"
+#else
+#include "ahead_map.glsl"
+#endif
 
 // Adds the samples of a batch that are among the ray's `num`.
 void add_batch(inout Pixel pixel, Ray ray, uint first, uint num, float optical_length) {
@@ -26,7 +40,7 @@ void add_batch(inout Pixel pixel, Ray ray, uint first, uint num, float optical_l
 }
 
 // Marches the rays of a subgroup: all of it comes here, and has a ray or none.
-void march(inout Pixel pixel, Ray ray) {
+void march(inout Pixel pixel, Ray ray, uvec2 own) {
     float termination = parameters.box_hi.w;
     precise float optical_length = ray.dt * parameters.table_scale.z * 1.44269504;
     // Samples of the ray; none once it has ended.
@@ -47,22 +61,13 @@ void march(inout Pixel pixel, Ray ray) {
         }
         return;
     }
-    keep(beam_of(ray, is_seen, behind));
-    uint lane = gl_SubgroupInvocationID;
-    bool looks = lane < LOOKERS;
+    Ahead ahead = ahead_of(ray, is_seen, behind, begin, end, own);
     for (uint far = begin & ~(ROUND - 1); far < end; far += ROUND * LOOKERS) {
-        // Each lane looks over a round.
-        uint round = far + ROUND * lane;
-        bool is_due = looks && round < end && round + ROUND > begin;
-        bool may_be = is_due && may_be_active(kept(), round, round + ROUND - 1);
-        uint rounds = subgroupBallot(may_be).x;
+        uint rounds = rounds_from(ahead, far, num == 0);
         while (rounds != 0) {
             uint base = far + ROUND * uint(findLSB(rounds));
             rounds &= rounds - 1;
-            // Each lane looks over a stretch of it.
-            uint stretch = base + STRETCH * lane;
-            bool is_wanted = looks && may_be_active(kept(), stretch, stretch + STRETCH - 1);
-            uint wanted = subgroupBallot(is_wanted).x;
+            uint wanted = stretches_from(ahead, base, num == 0);
             while (wanted != 0) {
                 // A count that compilers know: without it 9.20 instead of 6.34 ms on an H100.
                 const uint IN_BLOCK = BLOCK / STRETCH;
@@ -105,7 +110,7 @@ void make_tiles() {
         Pixel pixel = empty_pixel();
         Ray ray = ray_of(at);
         if (!is_inside) ray.end = 0;
-        march(pixel, ray);
+        march(pixel, ray, own);
         if (is_inside) store(pixel, at, own.y, ray.dt, ray.t_start);
     }
 }

@@ -1,5 +1,5 @@
 // A stage that marches by beams. What includes it says how many samples are fetched before the first of them is
-// evaluated: `FETCHED_TOGETHER`.
+// evaluated, `FETCHED_TOGETHER`, and may say that runs were found: `OVER_RUNS`.
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #extension GL_KHR_shader_subgroup_ballot : require
 #extension GL_KHR_shader_subgroup_vote : require
@@ -11,9 +11,9 @@
 #include "sample.glsl"
 #include "light.glsl"
 
-layout(local_size_x_id = 11) in;
-
+#include "subgroup.glsl"
 #include "lanes.glsl"
+#include "runs.glsl"
 #include "table_shared.glsl"
 #include "composite.glsl"
 #include "add.glsl"

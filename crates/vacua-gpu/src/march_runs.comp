@@ -1,6 +1,6 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// One ray a pixel, over the runs of samples that another shader found.
+// One ray a pixel, over the runs of samples that another shader found, each ray for itself.
 #extension GL_KHR_shader_subgroup_arithmetic : require
 #include "shared.glsl"
 #include "lattice.glsl"

@@ -8,9 +8,7 @@
 #include "shared.glsl"
 #include "lattice.glsl"
 #include "ray.glsl"
-
-layout(local_size_x_id = 11) in;
-
+#include "subgroup.glsl"
 #include "lanes.glsl"
 #include "runs.glsl"
 #include "walk.glsl"

@@ -32,6 +32,10 @@ shaders! {
     MARCH_BEAMS = "march_beams";
     /// The same where surfaces are lit.
     MARCH_BEAMS_LIT = "march_beams_lit";
+    /// The picture of a uniform grid over runs that were found, subgroups marching together.
+    MARCH_BEAMS_RUNS = "march_beams_runs";
+    /// The same where surfaces are lit.
+    MARCH_BEAMS_RUNS_LIT = "march_beams_runs_lit";
     /// The picture, over runs that were found.
     MARCH_RUNS = "march_runs";
     /// Where rays meet what is active, by `mesh` through ray queries.

@@ -45,8 +45,12 @@ impl Shader {
             Self::Query => shaders::QUERY,
             Self::Packets(_) => shaders::PACKETS,
             Self::March => shaders::MARCH,
-            Self::MarchBeams(beams) if beams.is_lit => shaders::MARCH_BEAMS_LIT,
-            Self::MarchBeams(_) => shaders::MARCH_BEAMS,
+            Self::MarchBeams(beams) => match (beams.ahead, beams.is_lit) {
+                (Ahead::Map, false) => shaders::MARCH_BEAMS,
+                (Ahead::Map, true) => shaders::MARCH_BEAMS_LIT,
+                (Ahead::Runs, false) => shaders::MARCH_BEAMS_RUNS,
+                (Ahead::Runs, true) => shaders::MARCH_BEAMS_RUNS_LIT,
+            },
             Self::MarchRuns => shaders::MARCH_RUNS,
             Self::Overlay => shaders::OVERLAY,
         }
@@ -75,6 +79,15 @@ impl Shader {
     }
 }
 
+/// By what subgroups know what is ahead of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Ahead {
+    /// The map of macrocells.
+    Map,
+    /// Runs that another shader has found.
+    Runs,
+}
+
 /// How the subgroups of a device march over uniform grids, or walk the hierarchy over a boundary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Beams {
@@ -84,6 +97,7 @@ pub(super) struct Beams {
     subgroups: u32,
     /// Whether surfaces are lit.
     is_lit: bool,
+    ahead: Ahead,
 }
 
 impl Beams {
@@ -101,36 +115,32 @@ impl Beams {
     const IN_PACKETS: u32 = 128;
 
     /// `None` if lanes cannot vote, or are too few or too many.
-    pub fn new(info: &DeviceInfo, is_lit: bool) -> Option<Self> {
+    pub fn new(info: &DeviceInfo, is_lit: bool, ahead: Ahead) -> Option<Self> {
         let lanes = info.subgroup_lanes?;
         if !lanes.is_power_of_two() || !(4..=128).contains(&lanes) {
             return None;
         }
-        Some(Self::with_invocations(
-            info,
+        Some(Self {
             lanes,
+            subgroups: Self::subgroups(info, lanes, Self::INVOCATIONS),
             is_lit,
-            Self::INVOCATIONS,
-        ))
+            ahead,
+        })
     }
 
     /// Of packets; `None` as for `new`, or where subgroups have no lane for each level of the hierarchy.
     pub fn of_packets(info: &DeviceInfo) -> Option<Self> {
-        let Self { lanes, .. } = Self::new(info, false)?;
-        let found = Self::with_invocations(info, lanes, false, Self::IN_PACKETS);
-        (lanes >= 8).then_some(found)
+        let beams = Self::new(info, false, Ahead::Map)?;
+        let subgroups = Self::subgroups(info, beams.lanes, Self::IN_PACKETS);
+        (beams.lanes >= 8).then_some(Self { subgroups, ..beams })
     }
 
-    fn with_invocations(info: &DeviceInfo, lanes: u32, is_lit: bool, invocations: u32) -> Self {
+    /// Subgroups of a workgroup of about so many invocations.
+    fn subgroups(info: &DeviceInfo, lanes: u32, invocations: u32) -> u32 {
         // Mesa's lavapipe has all subgroups of a workgroup wait where one does.
-        let invocations = match info.kind {
-            DeviceKind::Cpu => lanes,
-            _ => invocations.min(info.max_invocations).max(lanes),
-        };
-        Self {
-            lanes,
-            subgroups: invocations / lanes,
-            is_lit,
+        match info.kind {
+            DeviceKind::Cpu => 1,
+            _ => (invocations.min(info.max_invocations) / lanes).max(1),
         }
     }
 

@@ -8,7 +8,7 @@ use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 use super::finder::tiles;
 use super::job::{Job, Preparation, pass};
 use super::options::Search;
-use super::pipelines::{Beams, Shader};
+use super::pipelines::{Ahead, Beams, Shader};
 use super::subgroups::Subgroups;
 use super::{GpuRenderer, Plan, Tracer};
 use crate::error::GpuError;
@@ -76,14 +76,15 @@ impl GpuRenderer {
         let marcher = if self.mesh.is_some() {
             self.mesh_marcher(job.special)?
         } else {
-            let beams = match &finder {
-                Some(_) => None,
-                None => self.beams(&job),
+            let ahead = match &finder {
+                Some(_) => Ahead::Runs,
+                None => Ahead::Map,
             };
-            let shader = match (&finder, beams) {
-                (Some(_), _) => Shader::MarchRuns,
-                (None, Some(beams)) => Shader::MarchBeams(beams),
-                (None, None) => Shader::March,
+            let beams = self.beams(&job, ahead);
+            let shader = match (ahead, beams) {
+                (_, Some(beams)) => Shader::MarchBeams(beams),
+                (Ahead::Runs, None) => Shader::MarchRuns,
+                (Ahead::Map, None) => Shader::March,
             };
             let pipeline = self.pipelines.get(&self.layout, shader, job.special)?;
             match beams {
@@ -167,12 +168,13 @@ impl GpuRenderer {
     }
 
     /// How subgroups look ahead together, if they do.
-    fn beams(&self, job: &Job) -> Option<Beams> {
+    fn beams(&self, job: &Job, ahead: Ahead) -> Option<Beams> {
         let is_uniform = job.special[constant::RECTILINEAR as usize] == 0;
         let is_shaded = job.special[constant::SHADED as usize] != 0;
-        let beams = Beams::new(self.device.info(), is_shaded);
+        let beams = Beams::new(self.device.info(), is_shaded, ahead);
         let is_skipping = job.special[constant::SKIPPING as usize] != 0;
-        let suits = |beams: &Beams| !is_skipping || beams.are_narrow(&job.parameters);
+        let looks = is_skipping && ahead == Ahead::Map;
+        let suits = |beams: &Beams| !looks || beams.are_narrow(&job.parameters);
         beams.filter(|beams| is_uniform && self.options.rays == Search::Together && suits(beams))
     }
 

@@ -371,12 +371,7 @@ fn both_sides_agree_on_constants() {
     let runs = include_str!("../runs.glsl");
     assert!(runs.contains(&format!("MAX_RUNS = {MAX_RUNS};")));
     assert!(runs.contains(&format!("RUN_STRIDE = {};", TILE * TILE)));
-    let all = [
-        text,
-        include_str!("../beam.glsl"),
-        include_str!("../march_beams_stage.glsl"),
-    ]
-    .concat();
+    let all = [text, include_str!("../subgroup.glsl")].concat();
     for (id, name) in [
         (constant::SKIPPING, "SKIPPING"),
         (constant::CELL_DATA, "CELL_DATA"),
