@@ -23,7 +23,7 @@ pub use options::{GpuOptions, Search, StructureOptions, Tracer};
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use vacua_render::contract::{PackedCells, check};
 use vacua_render::{
@@ -63,6 +63,10 @@ const OF_SKIPPER: [&str; 9] = [
     "compact",
     "tlas",
 ];
+
+/// For how long a device must be busy until frames are timed: its clocks fall while it rests or waits for a
+/// compiler, and frames then took twice as long on an H100.
+const UNTIL_CLOCKS_RISE: Duration = Duration::from_millis(200);
 
 /// Frames that are summed in one submission.
 const FRAMES_AT_ONCE: u32 = 16;
@@ -273,7 +277,8 @@ impl GpuRenderer {
     }
 
     /// What the stages of a picture take on the device, several times, one right after the other: nothing
-    /// is sent back in between, so that the device does not rest. What is out of date is redone first.
+    /// is sent back in between, so that the device does not rest. What is out of date is redone first, and some
+    /// frames are made until the device's clocks have risen.
     ///
     /// # Errors
     /// As [`Renderer::render`].
@@ -286,13 +291,16 @@ impl GpuRenderer {
         const TO_SETTLE: usize = 3;
         let mut report = self.begin(scene, settings)?;
         let plan = self.plan(scene, settings, &mut report)?;
-        let mut found = Vec::new();
-        for i in 0..repeats + TO_SETTLE {
-            // More frames are to come, so that nothing is sent back.
-            let timings = self.submit(scene, settings, plan, 0..1, 2)?;
-            found.extend((i >= TO_SETTLE).then_some(timings));
+        // More frames are to come, so that nothing is sent back.
+        let mut frame = || self.submit(scene, settings, plan, 0..1, 2);
+        let start = Instant::now();
+        for i in 0.. {
+            if i >= TO_SETTLE && start.elapsed() >= UNTIL_CLOCKS_RISE {
+                break;
+            }
+            frame()?;
         }
-        Ok(found)
+        Ok((0..repeats).map(|_| frame()).collect::<Result<_, _>>()?)
     }
 
     /// Bytes of the voxels, or of the packed mesh, on the device.

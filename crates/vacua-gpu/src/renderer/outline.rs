@@ -67,7 +67,7 @@ pub(super) struct Outline {
 
 /// What leads rays to faces or boxes.
 enum Over {
-    Structures(Structures),
+    Structures(Box<Structures>),
     Tree(Tree),
 }
 
@@ -379,13 +379,13 @@ impl GpuRenderer {
             key,
             num,
             faces,
-            over: Over::Structures(Structures {
+            over: Over::Structures(Box::new(Structures {
                 capacity,
                 corners,
                 lower,
                 upper,
                 instance,
-            }),
+            })),
         });
         Ok(())
     }
