@@ -57,7 +57,7 @@ void add(inout Pixel pixel, Mesh mesh, float k, vec3 place, float optical_length
     if (seen.extinction <= 0.0) return;
     vec2 light = vec2(1.0, 0.0);
     if (SHADED) {
-        vec3 gradient = gradient_in_cell(mesh, part, at.cell, place) * corner.w;
+        precise vec3 gradient = gradient_in_cell(mesh, part, at.cell, place) * corner.w;
         light = shade(gradient, ray.direction);
     }
     composite(pixel, k, seen, optical_length, light);
@@ -89,7 +89,7 @@ float smallest(Mesh mesh, vec3 p, vec3 q) {
 
 // Level of the dyadic block that holds sample k: twin of `vacua_render`'s partition.
 uint level_of(Mesh mesh, vec3 rates, uint k) {
-    float finest_sq = dot(rates, rates);
+    float finest_sq = dot_of(rates, rates);
     for (uint level = MAX_LEVEL; level > 0; --level) {
         uint first = k & ~((BLOCK << level) - 1);
         uint last = first + (BLOCK << level) - 1;
@@ -97,7 +97,7 @@ uint level_of(Mesh mesh, vec3 rates, uint k) {
             smallest(mesh, cell_of(position(ray, float(first))), cell_of(position(ray, float(last))));
         vec3 rate = rates / size;
         float stride = float(1u << level);
-        if (dot(rate, rate) * stride * stride <= finest_sq) return level;
+        if (dot_of(rate, rate) * stride * stride <= finest_sq) return level;
     }
     return 0;
 }

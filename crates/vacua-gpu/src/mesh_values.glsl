@@ -68,21 +68,27 @@ bool value_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place, out float val
     return other_value(values, weights, value);
 }
 
-// How the weight of a corner changes with each local coordinate, from the weights of all.
+// How the weight of a corner changes with each local coordinate, from the weights of all. `precise`, as all
+// that gradients are made of, so that every shader that lights surfaces makes the same bits.
 vec3 slope_of(uint kind, uint k, Weights w) {
+    precise vec3 slope;
     if (kind == TETRAHEDRON) {
         return k == 0 ? vec3(-1.0) : vec3(k == 1, k == 2, k == 3);
     }
     if (kind == WEDGE) {
-        float t = (w.low.w + w.high.x) + w.high.y;
-        float r = w.low.y + w.high.x;
-        float s = w.low.z + w.high.y;
+        precise float t = (w.low.w + w.high.x) + w.high.y;
+        precise float r = w.low.y + w.high.x;
+        precise float s = w.low.z + w.high.y;
         bool up = k >= 3;
         uint of_triangle = up ? k - 3 : k;
-        float along = up ? t : 1.0 - t;
+        precise float along = up ? t : 1.0 - t;
         float side = up ? 1.0 : -1.0;
-        if (of_triangle == 0) return vec3(-along, -along, side * (1.0 - r - s));
-        return of_triangle == 1 ? vec3(along, 0.0, side * r) : vec3(0.0, along, side * s);
+        if (of_triangle == 0) {
+            slope = vec3(-along, -along, side * (1.0 - r - s));
+        } else {
+            slope = of_triangle == 1 ? vec3(along, 0.0, side * r) : vec3(0.0, along, side * s);
+        }
+        return slope;
     }
     bool in_r = (k & 3u) == 1 || (k & 3u) == 2;
     bool in_s = (k & 2u) != 0;
@@ -90,22 +96,24 @@ vec3 slope_of(uint kind, uint k, Weights w) {
     float ds = in_s ? 1.0 : -1.0;
     if (kind == PYRAMID) {
         // By r and s per unit of height, by which the columns are then scaled alike.
-        float height = max((w.low.x + w.low.y) + (w.low.z + w.low.w), 1.17549435e-38);
-        float r = (w.low.y + w.low.z) / height;
-        float s = (w.low.z + w.low.w) / height;
+        precise float height = max((w.low.x + w.low.y) + (w.low.z + w.low.w), 1.17549435e-38);
+        precise float r = (w.low.y + w.low.z) / height;
+        precise float s = (w.low.z + w.low.w) / height;
         if (k == 4) return vec3(0.0, 0.0, 1.0);
-        float in_x = in_r ? r : 1.0 - r;
-        float in_y = in_s ? s : 1.0 - s;
-        return vec3(dr * in_y, ds * in_x, -in_x * in_y);
+        precise float in_x = in_r ? r : 1.0 - r;
+        precise float in_y = in_s ? s : 1.0 - s;
+        slope = vec3(dr * in_y, ds * in_x, -in_x * in_y);
+        return slope;
     }
-    float r = (w.low.y + w.low.z) + (w.high.y + w.high.z);
-    float s = (w.low.z + w.low.w) + (w.high.z + w.high.w);
-    float t = (w.high.x + w.high.y) + (w.high.z + w.high.w);
-    float in_x = in_r ? r : 1.0 - r;
-    float in_y = in_s ? s : 1.0 - s;
+    precise float r = (w.low.y + w.low.z) + (w.high.y + w.high.z);
+    precise float s = (w.low.z + w.low.w) + (w.high.z + w.high.w);
+    precise float t = (w.high.x + w.high.y) + (w.high.z + w.high.w);
+    precise float in_x = in_r ? r : 1.0 - r;
+    precise float in_y = in_s ? s : 1.0 - s;
     bool in_t = k >= 4;
-    float in_z = in_t ? t : 1.0 - t;
-    return vec3(dr * in_y * in_z, ds * in_x * in_z, (in_t ? 1.0 : -1.0) * in_x * in_y);
+    precise float in_z = in_t ? t : 1.0 - t;
+    slope = vec3(dr * in_y * in_z, ds * in_x * in_z, (in_t ? 1.0 : -1.0) * in_x * in_y);
+    return slope;
 }
 
 // The gradient in the mesh's own space, in a cell that accepts a place; 0 where its map is singular.
@@ -126,26 +134,27 @@ vec3 gradient_in_cell(Mesh mesh, Submesh part, Cell cell, vec3 place) {
     }
     vec3 first = vertex_at(part, vertices.x);
     float first_value = stored_value(part, vertices.x);
-    vec3 a = vec3(0.0);
-    vec3 b = vec3(0.0);
-    vec3 c = vec3(0.0);
-    vec3 by = vec3(0.0);
+    precise vec3 a = vec3(0.0);
+    precise vec3 b = vec3(0.0);
+    precise vec3 c = vec3(0.0);
+    precise vec3 by = vec3(0.0);
     uint corners = num_corners(kind);
     float scale = mesh.slack.w;
     for (uint k = 1; k < corners; ++k) {
         // Differences to the first corner: the slopes of all corners are 0 in sum.
         uint vertex = is_other ? other.vertices[k] : vertices[k];
         vec3 slope = slope_of(kind, k, weights);
-        vec3 apart = (vertex_at(part, vertex) - first) * scale;
-        float value = stored_value(part, vertex) - first_value;
-        by += slope * value;
-        a += slope.x * apart;
-        b += slope.y * apart;
-        c += slope.z * apart;
+        precise vec3 apart = (vertex_at(part, vertex) - first) * scale;
+        precise float value = stored_value(part, vertex) - first_value;
+        by = fma(slope, vec3(value), by);
+        a = fma(slope.xxx, apart, a);
+        b = fma(slope.yyy, apart, b);
+        c = fma(slope.zzz, apart, c);
     }
     vec3 bc = cross_of(b, c);
-    vec3 sum = by.x * bc + by.y * cross_of(c, a) + by.z * cross_of(a, b);
-    vec3 gradient = sum * (scale / dot_of(a, bc));
+    precise vec3 sum =
+        fma(by.xxx, bc, fma(by.yyy, cross_of(c, a), by.z * cross_of(a, b)));
+    precise vec3 gradient = sum * (scale / dot_of(a, bc));
     bool is_finite = is_number(gradient.x) && is_number(gradient.y) && is_number(gradient.z);
     return is_finite ? gradient : vec3(0.0);
 }

@@ -95,8 +95,8 @@ layout(set = 0, binding = 0, std140) uniform Parameters {
     // Number of these groups; what faces are wider than they are, so that no edge is missed.
     uint num_face_groups;
     float flange;
-    // Number of faces, once it is known, and height of the hierarchy's root.
-    uint num_faces;
+    // Number of faces or boxes, once it is known, and height of the hierarchy's root.
+    uint num_shapes;
     uint tree_height;
 } parameters;
 

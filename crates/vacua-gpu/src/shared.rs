@@ -76,7 +76,7 @@ pub(crate) struct Parameters {
     pub nodes: u64,
     pub num_face_groups: u32,
     pub flange: f32,
-    pub num_faces: u32,
+    pub num_shapes: u32,
     pub tree_height: u32,
 }
 

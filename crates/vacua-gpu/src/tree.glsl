@@ -18,7 +18,7 @@ struct Bounds {
 // Nodes of a height, or faces.
 uint num_at(uint height) {
     uint shift = LOG_WIDTH * height;
-    return (parameters.num_faces + (1u << shift) - 1) >> shift;
+    return (parameters.num_shapes + (1u << shift) - 1) >> shift;
 }
 
 uint first_word(uint height, uint node) {

@@ -27,8 +27,11 @@ fn check(
     settings: &RenderSettings,
 ) -> [Frame; 2] {
     let mut methods = vec![SkipMethod::Grid];
+    if !gpu.tracers().is_empty() {
+        methods.push(SkipMethod::Mesh);
+    }
     if gpu.device().info().has_ray_tracing() {
-        methods.extend([SkipMethod::Mesh, SkipMethod::Boxes]);
+        methods.push(SkipMethod::Boxes);
     }
     let mut picture = |skip| -> Frame {
         let settings = RenderSettings {

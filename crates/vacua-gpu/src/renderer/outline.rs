@@ -142,7 +142,7 @@ impl Outline {
         let parameters = &mut job.parameters;
         parameters.faces = self.faces.address();
         parameters.corners = self.corners().map_or(0, Buffer::address);
-        parameters.num_faces = self.num;
+        parameters.num_shapes = self.num;
         if let Over::Tree(tree) = &self.over {
             parameters.nodes = tree.nodes.address();
             parameters.tree_height = tree.height;

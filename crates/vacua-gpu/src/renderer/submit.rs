@@ -199,8 +199,9 @@ impl GpuRenderer {
         }
     }
 
-    /// The ways in which the device can trace rays.
-    pub(super) fn tracers(&self) -> Vec<Tracer> {
+    /// The ways in which `mesh` can trace rays on this device, that which is taken if none is chosen first; none
+    /// over a packed mesh.
+    pub fn tracers(&self) -> Vec<Tracer> {
         if self.mesh.is_some() {
             return Vec::new();
         }

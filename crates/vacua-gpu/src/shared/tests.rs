@@ -149,7 +149,7 @@ fn parameters() -> Members {
         nodes,
         num_face_groups,
         flange,
-        num_faces,
+        num_shapes,
         tree_height,
     })
 }
