@@ -1,4 +1,4 @@
-//! Parts of meshes on their way to the device.
+//! Parts of meshes, and small things, on their way to the device.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -141,4 +141,24 @@ impl<'a> Sender<'a> {
         }
         Ok(buffer)
     }
+}
+
+/// A buffer on the device with these bytes, which are sent at once.
+pub(crate) fn sent(
+    device: &Arc<Device>,
+    commands: &mut Commands,
+    layout: &Layout,
+    what: &'static str,
+    bytes: &[u8],
+) -> Result<Buffer, GpuError> {
+    let size = bytes.len() as u64;
+    let buffer = Buffer::new(device, what, size, Place::Device)?;
+    let mut staging = Buffer::new(device, what, size, Place::Upload)?;
+    staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+    commands.run(layout, |recorder| {
+        recorder.copy(&staging, &buffer, 0, size);
+        recorder.barrier();
+        Ok(())
+    })?;
+    Ok(buffer)
 }

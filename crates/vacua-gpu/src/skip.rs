@@ -10,6 +10,7 @@ use std::sync::Arc;
 use vacua_skip::{Lattice, Macrocells};
 
 use crate::error::GpuError;
+use crate::send::sent;
 use crate::shared::{BRICK, GROUP};
 use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
 
@@ -126,26 +127,6 @@ fn morton_order([nx, ny, nz]: [u32; 3]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..nx * ny * nz).collect();
     order.sort_by_cached_key(code);
     order
-}
-
-/// A buffer on the device with these bytes.
-fn sent(
-    device: &Arc<Device>,
-    commands: &mut Commands,
-    layout: &Layout,
-    what: &'static str,
-    bytes: &[u8],
-) -> Result<Buffer, GpuError> {
-    let size = bytes.len() as u64;
-    let buffer = Buffer::new(device, what, size, Place::Device)?;
-    let mut staging = Buffer::new(device, what, size, Place::Upload)?;
-    staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-    commands.run(layout, |recorder| {
-        recorder.copy(&staging, &buffer, 0, size);
-        recorder.barrier();
-        Ok(())
-    })?;
-    Ok(buffer)
 }
 
 /// Spreads workgroups over two axes; shaders number them the same way.

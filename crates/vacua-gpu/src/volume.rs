@@ -15,11 +15,11 @@ use rayon::prelude::*;
 use vacua_render::contract::{RaySpace, SpanMinima};
 use vacua_skip::Axis;
 use vacua_volume::{
-    Association, CellMask, Scalar, ScalarType, ValueMap, ValueRange, ValueScale, Volume,
-    dispatch_scalar,
+    Association, Scalar, ScalarType, ValueMap, ValueRange, ValueScale, Volume, dispatch_scalar,
 };
 
 use crate::error::GpuError;
+use crate::send::sent;
 use crate::shared::MAX_SLABS;
 use crate::vulkan::{Buffer, Commands, Device, Layers, Layout, Place};
 
@@ -175,7 +175,11 @@ impl DeviceVolume {
         sender.send(device, commands, layout, &images, [nx as u32, ny as u32])?;
         let planes = Planes::of(device, &space)?;
         let blanked = match volume.blanked_cells() {
-            Some(mask) => Some(send_mask(device, commands, layout, mask)?),
+            Some(mask) => {
+                let bytes = bytemuck::cast_slice(mask.words());
+                let what = "the mask of blanked cells";
+                Some(sent(device, commands, layout, what, bytes)?)
+            }
             None => None,
         };
         Ok(Self {
@@ -349,24 +353,4 @@ impl Planes {
             bins_per_unit,
         }))
     }
-}
-
-fn send_mask(
-    device: &Arc<Device>,
-    commands: &mut Commands,
-    layout: &Layout,
-    mask: &CellMask,
-) -> Result<Buffer, GpuError> {
-    let bytes: &[u8] = bytemuck::cast_slice(mask.words());
-    let size = bytes.len() as u64;
-    let what = "the mask of blanked cells";
-    let mut staging = Buffer::new(device, what, size, Place::Upload)?;
-    staging.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-    let buffer = Buffer::new(device, what, size, Place::Device)?;
-    commands.run(layout, |recorder| {
-        recorder.copy(&staging, &buffer, 0, size);
-        recorder.barrier();
-        Ok(())
-    })?;
-    Ok(buffer)
 }
