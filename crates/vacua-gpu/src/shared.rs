@@ -25,6 +25,12 @@ pub(crate) const BRICK: [u32; 3] = [16, 16, 8];
 pub(crate) const FACE_WORDS: u64 = 3;
 pub(crate) const FACE_NUMBERS: u64 = 18;
 
+/// Children of a node of our own hierarchy over faces, words that describe one, and invocations of a
+/// workgroup that builds a level of it.
+pub(crate) const TREE_WIDTH: u32 = 32;
+pub(crate) const NODE_WORDS: u64 = 3;
+pub(crate) const TREE_GROUP: u64 = 64;
+
 /// Numbers of the constants that pipelines are specialised by.
 pub(crate) mod constant {
     pub const SKIPPING: u32 = 0;

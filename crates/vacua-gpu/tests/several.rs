@@ -4,7 +4,7 @@
 mod common;
 
 use common::*;
-use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuOptions, Instance};
+use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuOptions, Instance, Tracer};
 use vacua_render::{Frame, RenderSettings, Renderer, Scene, Shading, SkipMethod};
 use vacua_volume::{Association, OpacityPoint, TransferFunction, ValueScale};
 
@@ -47,7 +47,7 @@ fn any_number_of_devices_makes_the_same_picture() {
         },
     ]
     .to_vec();
-    if one.device().info().has_ray_tracing() {
+    if !one.tracers().is_empty() {
         settings.push(RenderSettings {
             skip: SkipMethod::Mesh,
             width: 40,
@@ -56,15 +56,21 @@ fn any_number_of_devices_makes_the_same_picture() {
         });
     }
     // With 7, some have no row to make.
-    for count in [1, 2, 3, 7] {
-        let Some(mut group) = group(count, GpuOptions::default()) else {
+    let packets = one.tracers().into_iter().find(|t| *t == Tracer::Packets);
+    for (count, tracer) in [(1, None), (2, None), (3, None), (7, None), (7, packets)] {
+        let options = GpuOptions {
+            tracer,
+            ..GpuOptions::default()
+        };
+        let Some(mut group) = group(count, options) else {
             return;
         };
+        one.set_tracer(tracer);
         assert_eq!(group.members().len(), count);
         for settings in &settings {
             let expected = one.render(&scene, settings).expect("a good scene").frame;
             let found = group.render(&scene, settings).expect("a good scene");
-            let what = format!("{count} devices, {}", settings.skip.name());
+            let what = format!("{count} devices, {}, {tracer:?}", settings.skip.name());
             assert_same_bits(&what, &found.frame, &expected);
             assert_eq!(found.frame.samples, expected.samples, "{what}");
             assert_eq!(found.report.method, settings.skip);

@@ -16,7 +16,7 @@ use vacua_render::SkipMethod;
 use super::job::{Job, Preparation, SkipKey, Steps};
 use super::{GpuRenderer, Plan, StructureOptions, Tracer};
 use crate::error::GpuError;
-use crate::shared::Push;
+use crate::shared::{Push, TREE_GROUP, TREE_WIDTH};
 use crate::skip::spread;
 use crate::vulkan::{
     Buffer, BuildMode, ComputePipeline, Place, Recorder, Shapes, Structure, Timings,
@@ -198,18 +198,12 @@ impl Structures {
 }
 
 impl Tree {
-    /// Children of a node, and bytes of one, as shaders have them.
-    const WIDTH: u32 = 32;
-    const NODE_BYTES: u64 = 12;
-    /// Invocations of a workgroup that builds a level.
-    const BUILDERS: u64 = 64;
-
     /// Levels of a tree over so many faces.
     fn height(num: u32) -> u32 {
         let mut height = 0;
         let mut nodes = num;
         while nodes > 1 || height == 0 && nodes > 0 {
-            nodes = nodes.div_ceil(Self::WIDTH);
+            nodes = nodes.div_ceil(TREE_WIDTH);
             height += 1;
         }
         height
@@ -218,22 +212,22 @@ impl Tree {
     /// Nodes that there must be room for: every level but the lowest has room for all that it could have.
     fn room(num: u32) -> u64 {
         let above: u64 = (0..Self::height(num).saturating_sub(1))
-            .map(|depth| u64::from(Self::WIDTH).pow(depth))
+            .map(|depth| u64::from(TREE_WIDTH).pow(depth))
             .sum();
-        above + u64::from(num.div_ceil(Self::WIDTH))
+        above + u64::from(num.div_ceil(TREE_WIDTH))
     }
 
     /// Builds level by level, from the lowest.
     fn record(&self, recorder: &Recorder<'_>, level: &ComputePipeline, push: &Push, num: u32) {
         let mut nodes = u64::from(num);
         for height in 1..=self.height {
-            nodes = nodes.div_ceil(u64::from(Self::WIDTH));
+            nodes = nodes.div_ceil(u64::from(TREE_WIDTH));
             recorder.barrier();
             let push = Push {
                 pass: height,
                 ..*push
             };
-            recorder.dispatch(level, &push, spread(nodes.div_ceil(Self::BUILDERS)));
+            recorder.dispatch(level, &push, spread(nodes.div_ceil(TREE_GROUP)));
         }
     }
 }

@@ -368,6 +368,12 @@ fn both_sides_agree_on_constants() {
     assert!(boundary.contains(&format!("BRICK = uvec3({x}, {y}, {z});")));
     assert!(boundary.contains(&format!("local_size_x = {GROUP})")));
     assert_eq!(x * y * z, 8 * GROUP);
+    let tree = include_str!("../tree.glsl");
+    assert!(tree.contains(&format!("WIDTH = {TREE_WIDTH};")));
+    assert!(tree.contains(&format!("LOG_WIDTH = {};", TREE_WIDTH.ilog2())));
+    assert!(tree.contains(&format!("return {NODE_WORDS} * (NODES_ABOVE")));
+    let level = include_str!("../tree.comp");
+    assert!(level.contains(&format!("local_size_x = {TREE_GROUP})")));
     let runs = include_str!("../runs.glsl");
     assert!(runs.contains(&format!("MAX_RUNS = {MAX_RUNS};")));
     assert!(runs.contains(&format!("RUN_STRIDE = {};", TILE * TILE)));

@@ -5,7 +5,7 @@ use crate::error::GpuError;
 use crate::renderer::job::Job;
 use crate::renderer::pipelines::Shader;
 use crate::renderer::{GpuRenderer, Plan};
-use crate::shared::{FACE_NUMBERS, FACE_WORDS};
+use crate::shared::{FACE_NUMBERS, FACE_WORDS, NODE_WORDS};
 use crate::skip::spread;
 use crate::vulkan::{CompactedSize, Timings};
 
@@ -124,7 +124,7 @@ impl GpuRenderer {
         };
         let room = |each: u64, num: u64| each * num.max(1);
         let face_bytes = room(4 * FACE_WORDS, num.into());
-        let node_bytes = room(Tree::NODE_BYTES, Tree::room(num));
+        let node_bytes = room(4 * NODE_WORDS, Tree::room(num));
         self.outline = Some(Outline {
             key,
             num,
