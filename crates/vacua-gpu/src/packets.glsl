@@ -68,15 +68,15 @@ float crossing_of(Ray ray, Walk walk, uint face) {
     vec2 at = fma(vec2(crossing), step.yz, start.yz);
     bool is_met = all(greaterThanEqual(at, lo - parameters.flange))
         && all(lessThanEqual(at, hi + parameters.flange));
-    bool is_ahead = samples_around(ray, crossing, inverse).y > walk.at;
+    bool is_ahead = samples_around(ray, walk, crossing, inverse).y > walk.at;
     return is_sought && is_met && is_ahead ? crossing : LARGEST;
 }
 
 // The first face that is sought, of the rays that seek one.
 uint first_face(Packet packet, Ray ray, Walk walk, bool seeks) {
     uint face = NO_FACE;
-    float nearest = float(ray.end) + 1.0;
-    float from = float(walk.at) - reach_of(ray, walk.inverse_step) - 1.0 + packet.behind;
+    float nearest = last_crossing(ray);
+    float from = float(walk.at) - walk.reach - 1.0 + packet.behind;
     float first = subgroupMin(seeks ? from : LARGEST);
     float last = subgroupMax(seeks ? nearest + packet.behind : -LARGEST);
     uint lane = gl_SubgroupInvocationID;

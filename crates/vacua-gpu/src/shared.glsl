@@ -121,7 +121,7 @@ layout(push_constant, std430) uniform Push {
     Quads rgba;
     Numbers depth;
     Words samples;
-    // Where rays meet what is active, as `runs.comp` found it.
+    // Where rays meet what is active, as shaders with `find.glsl` found it.
     Words runs;
     // Where in the pixel rays go through.
     vec2 offset;

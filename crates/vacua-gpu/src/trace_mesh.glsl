@@ -11,8 +11,8 @@ uint first_face(Ray ray, Walk walk) {
     // Rays are traced from before the first sample that is seen.
     float base = float(ray.begin) - 2.0;
     vec3 origin = position(ray, base);
-    float t_max = float(ray.end) - base + 1.0;
-    float t_min = max(float(walk.at) - 0.5 - reach_of(ray, walk.inverse_step) - base, 0.0);
+    float t_max = last_crossing(ray) - base;
+    float t_min = max(float(walk.at) - 0.5 - walk.reach - base, 0.0);
     while (true) {
         Hit hit = first_hit(origin, t_min, ray.step, t_max, walk.sought == BACK);
         if (hit.primitive == NO_HIT) return NO_FACE;

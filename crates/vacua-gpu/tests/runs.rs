@@ -26,25 +26,29 @@ fn check(
     scene: &Scene,
     settings: &RenderSettings,
 ) -> [Frame; 2] {
-    let mut methods = vec![SkipMethod::Grid];
-    if !gpu.tracers().is_empty() {
-        methods.push(SkipMethod::Mesh);
-    }
+    let mut methods = vec![(SkipMethod::Grid, None)];
+    methods.extend(
+        gpu.tracers()
+            .into_iter()
+            .map(|t| (SkipMethod::Mesh, Some(t))),
+    );
     if gpu.device().info().has_ray_tracing() {
-        methods.push(SkipMethod::Boxes);
+        methods.push((SkipMethod::Boxes, None));
     }
-    let mut picture = |skip| -> Frame {
+    let mut picture = |(skip, tracer)| -> Frame {
+        gpu.set_tracer(tracer);
         let settings = RenderSettings {
             skip,
             ..settings.clone()
         };
         gpu.render(scene, &settings).expect("a good scene").frame
     };
-    let without = picture(SkipMethod::None);
+    let without = picture((SkipMethod::None, None));
     assert!(!without.is_blank(), "{what}: something is seen");
     let frames: Vec<Frame> = methods.iter().map(|&m| picture(m)).collect();
-    for (method, frame) in methods.iter().zip(&frames) {
-        assert_same_bits(&format!("{what}: {}", method.name()), frame, &without);
+    for ((method, tracer), frame) in methods.iter().zip(&frames) {
+        let what = format!("{what}: {} by {tracer:?}", method.name());
+        assert_same_bits(&what, frame, &without);
     }
     assert_valid(gpu);
     let [with, ..] = &frames[..] else {

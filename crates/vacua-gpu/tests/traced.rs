@@ -217,6 +217,46 @@ fn rays_along_planes_and_through_edges() {
     }
 }
 
+/// Rays so nearly along planes that a computed coordinate reaches one hundreds of samples before the line
+/// does. Values of cells, which differ from one side of a plane to the other.
+#[test]
+fn rays_that_graze_planes() {
+    let Some(mut gpu) = renderer(GpuOptions::default()) else {
+        return;
+    };
+    let grid = vacua_volume::UniformGrid::new(POINTS, DVec3::ZERO, DVec3::ONE);
+    let scene = bytes(Geometry::Uniform(grid.expect("a grid")), Association::Cell);
+    let ulp = 0.5f64.powi(20);
+    let middle = DVec3::new(16.0, 16.0, 12.0);
+    for (name, forward, up) in [
+        ("x", DVec3::X, DVec3::Y),
+        ("y", -DVec3::Y, DVec3::Z),
+        ("z", DVec3::Z, DVec3::X),
+    ] {
+        let across = up + forward.cross(up);
+        for tilt in [1e-9, -1e-9, 1e-8, -1e-8, 4e-8, -4e-8] {
+            for nudge in [0.5 - ulp, 0.5, 0.5 + ulp] {
+                let at = middle + nudge * across.abs();
+                let camera = Camera::Placed {
+                    eye: at - 30.0 * (forward + tilt * across),
+                    at,
+                    up,
+                    projection: Projection::Orthographic { height: 40.0 },
+                };
+                let settings = RenderSettings {
+                    width: 40,
+                    height: 40,
+                    macrocell_side: Some(2),
+                    step: 0.1,
+                    ..small()
+                };
+                let what = format!("along {name}, tilted by {tilt}, beside by {nudge}");
+                check(&mut gpu, &what, &scene.clone().camera(camera), &settings);
+            }
+        }
+    }
+}
+
 #[test]
 fn cameras_inside_and_far_away() {
     let Some(mut gpu) = renderer(GpuOptions::default()) else {

@@ -184,6 +184,16 @@ fn walk(side: usize) -> Plan {
     }
 }
 
+/// Whether others may do where this one cannot; without the walk nothing would be left.
+fn is_forgiven(error: &GpuError, plan: Plan) -> bool {
+    let is_dispensable = plan != walk(plan.side) || plan.side == FINE_SIDE;
+    is_dispensable
+        && matches!(
+            error,
+            GpuError::Unsupported { .. } | GpuError::Memory { .. }
+        )
+}
+
 /// Seconds that a frame's rays take on the device, after one frame to settle.
 fn time(
     renderer: &mut GpuRenderer,
@@ -217,11 +227,7 @@ impl Contest {
                 self.entries.push((plan, secs));
                 Ok(secs)
             }
-            Err(GpuError::Unsupported { .. } | GpuError::Memory { .. })
-                if plan != walk(plan.side) || plan.side == FINE_SIDE =>
-            {
-                Ok(f64::INFINITY)
-            }
+            Err(error) if is_forgiven(&error, plan) => Ok(f64::INFINITY),
             Err(other) => Err(other),
         }
     }
@@ -237,7 +243,10 @@ impl Contest {
         let near: Vec<_> = self.entries.iter_mut().filter(|e| e.1 <= most).collect();
         if near.len() > 1 {
             for (plan, secs) in near {
-                *secs = time(renderer, scene, settings, *plan)?;
+                *secs = match time(renderer, scene, settings, *plan) {
+                    Err(error) if is_forgiven(&error, *plan) => f64::INFINITY,
+                    timed => timed?,
+                };
             }
         }
         Ok(())

@@ -2,7 +2,7 @@
 
 use crate::vulkan::Preference;
 
-/// How rays are traced against acceleration structures.
+/// How rays find the faces of a boundary, or the cells of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Tracer {
     /// By a ray tracing pipeline, as the paper does it.

@@ -95,7 +95,6 @@ pub(super) struct Pending {
 }
 
 /// The boundary's faces, by groups of lattice points.
-#[derive(Clone)]
 struct PendingFaces {
     write: Arc<ComputePipeline>,
     groups: [u32; 3],

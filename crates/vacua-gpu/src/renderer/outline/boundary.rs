@@ -37,7 +37,9 @@ impl GpuRenderer {
             }) if older.kind == key.kind && older.options == options => Some(structures.capacity),
             _ => None,
         };
-        let is_update = options.refit && older_capacity.is_some_and(|room| room >= num.max(1));
+        let is_update = options.refit
+            && !options.compact
+            && older_capacity.is_some_and(|room| room >= num.max(1));
         let capacity = match older_capacity {
             Some(room) if is_update => room,
             _ => wanted,
