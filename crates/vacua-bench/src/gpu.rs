@@ -160,7 +160,7 @@ pub struct Row {
     pub classify_secs: f64,
     /// Seconds on the device: distance map after an edit.
     pub distance_secs: f64,
-    /// Triangles or boxes that rays are traced against.
+    /// Faces of the boundary, or boxes, that rays are traced against.
     pub shapes: usize,
     /// Seconds after an edit until these are there: on the device, or clustering on the host.
     pub outline_secs: f64,
@@ -403,8 +403,7 @@ fn row(
         classify_secs: of(&["classify"]),
         distance_secs: of(&["distance"]),
         shapes: match report.method {
-            SkipMethod::Mesh => 2 * gpu.num_outlined(),
-            SkipMethod::Boxes => gpu.num_outlined(),
+            SkipMethod::Mesh | SkipMethod::Boxes => gpu.num_outlined(),
             _ => 0,
         },
         outline_secs: of(&["faces", "triangles", "cluster", "boxes"]),
@@ -453,7 +452,7 @@ impl GpuResults {
             );
             out.push_str(
                 "| method | K | reach | lit | march ms | Gsamples | Gsamples/s | active % | ranges ms \
-                 | classify ms | distance ms | shapes | outline ms | BVH ms | edit + frame, wall ms \
+                 | classify ms | distance ms | faces or boxes | outline ms | BVH ms | edit + frame, wall ms \
                  | exact |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
             );
             for r in &scene.rows {

@@ -26,7 +26,8 @@ void main() {
             if (first + i < num) parameters.face_counts.word[first + i] = before;
             before += counts[i];
         }
-        before_chunk += all;
+        // More faces than can be numbered stay more.
+        before_chunk += min(all, 0xffffffffu - before_chunk);
     }
     if (gl_LocalInvocationIndex == 0) push.counter.word[1] = before_chunk;
 }

@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use glam::DVec3;
-use vacua_gpu::{GpuOptions, GpuRenderer, Preference, StructureOptions, Tracer};
+use vacua_gpu::{GpuOptions, GpuRenderer, Preference, Search, StructureOptions, Tracer};
 use vacua_render::{
     Camera, ClipPlane, Frame, Integrator, Jitter, Projection, RenderSettings, Renderer, Scene,
     Shading, SkipMethod,
@@ -88,6 +88,23 @@ fn every_kind_of_grid() {
         check(&mut gpu, "uniform", &scene, &small());
         let scene = bytes(stretched(POINTS), association);
         check(&mut gpu, "stretched", &scene, &small());
+    }
+}
+
+/// Uniform grids are marched by subgroups together where these can; here each ray is marched alone.
+#[test]
+fn rays_marched_alone() {
+    let options = GpuOptions {
+        rays: Search::Alone,
+        ..GpuOptions::default()
+    };
+    let Some(mut gpu) = renderer(options) else {
+        return;
+    };
+    let scene = bytes(uniform(POINTS), Association::Point);
+    for shading in [Shading::None, Shading::Gradient] {
+        let settings = RenderSettings { shading, ..small() };
+        check(&mut gpu, &format!("{shading:?}"), &scene, &settings);
     }
 }
 

@@ -25,35 +25,38 @@ use crate::vulkan::{
 /// Numbers of a box: two corners.
 const BOX_NUMBERS: usize = 6;
 
-/// What an outline is.
+/// What a structure of the driver is built over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// Triangles of the boundary.
+enum Shape {
+    /// Two triangles for each face of the boundary.
     Triangles,
     /// Proxy boxes.
     Boxes,
-    /// Faces of the boundary, under our own hierarchy.
-    Faces,
 }
 
-impl Kind {
-    fn of(method: SkipMethod, tracer: Tracer) -> Self {
-        match (method, tracer) {
-            (SkipMethod::Boxes, _) => Self::Boxes,
-            (_, Tracer::Packets) => Self::Faces,
-            _ => Self::Triangles,
-        }
-    }
+/// What an outline is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    /// Faces of the boundary, under our own hierarchy.
+    Faces,
+    /// Shapes under structures of the driver.
+    Shapes(ShapesKey),
+}
+
+/// What shapes and structures over them depend on, besides what is active.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ShapesKey {
+    shape: Shape,
+    /// What rounding can move a computed coordinate by.
+    slack: f32,
+    options: StructureOptions,
 }
 
 /// What an outline depends on, besides volume and transfer function.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct OutlineKey {
+struct OutlineKey {
     skip: SkipKey,
     kind: Kind,
-    /// What rounding can move a computed coordinate by.
-    slack: f32,
-    options: StructureOptions,
 }
 
 /// What rays are traced against.
@@ -73,10 +76,13 @@ enum Over {
 
 /// Acceleration structures of the driver.
 struct Structures {
+    shape: Shape,
     /// Faces or boxes that there is room for.
     capacity: u32,
     corners: Buffer,
     lower: Structure,
+    /// Whether the lower one was ever built, so that it can be moved.
+    is_built: bool,
     upper: Structure,
     instance: Buffer,
 }
@@ -113,7 +119,20 @@ enum PendingOver {
 impl Outline {
     /// Whether it is the boundary.
     pub fn is_boundary(&self) -> bool {
-        self.key.kind != Kind::Boxes
+        !matches!(
+            self.key.kind,
+            Kind::Shapes(ShapesKey {
+                shape: Shape::Boxes,
+                ..
+            })
+        )
+    }
+
+    /// What was recorded for it has been done.
+    pub fn is_done(&mut self) {
+        if let Over::Structures(structures) = &mut self.over {
+            structures.is_built = true;
+        }
     }
 
     /// Corners of the triangles or boxes, if there are any.
@@ -171,7 +190,7 @@ impl Outline {
         }
         match (&self.over, &pending.over) {
             (Over::Structures(s), &PendingOver::Structures { is_update }) => {
-                let shapes = shapes(self.key.kind, &s.corners, s.capacity);
+                let shapes = s.shape.over(&s.corners, s.capacity);
                 let name = if is_update { "refit" } else { "blas" };
                 recorder.stage(name, |r| r.build(&s.lower, shapes, is_update));
             }
@@ -216,10 +235,10 @@ impl Tree {
         above + u64::from(num.div_ceil(TREE_WIDTH))
     }
 
-    /// Builds level by level, from the lowest.
+    /// Builds level by level, from the lowest to the one below the root, whose bounds nobody asks for.
     fn record(&self, recorder: &Recorder<'_>, level: &ComputePipeline, push: &Push, num: u32) {
         let mut nodes = u64::from(num);
-        for height in 1..=self.height {
+        for height in 1..self.height {
             nodes = nodes.div_ceil(u64::from(TREE_WIDTH));
             recorder.barrier();
             let push = Push {
@@ -231,18 +250,20 @@ impl Tree {
     }
 }
 
-/// What a structure is built over.
-fn shapes(kind: Kind, corners: &Buffer, capacity: u32) -> Shapes {
-    let address = corners.address();
-    match kind {
-        Kind::Boxes => Shapes::Boxes {
-            address,
-            num: capacity,
-        },
-        Kind::Triangles | Kind::Faces => Shapes::Triangles {
-            address,
-            num: 2 * capacity,
-        },
+impl Shape {
+    /// As many as there is room for.
+    fn over(self, corners: &Buffer, capacity: u32) -> Shapes {
+        let address = corners.address();
+        match self {
+            Self::Boxes => Shapes::Boxes {
+                address,
+                num: capacity,
+            },
+            Self::Triangles => Shapes::Triangles {
+                address,
+                num: 2 * capacity,
+            },
+        }
     }
 }
 
@@ -271,11 +292,20 @@ impl GpuRenderer {
         let slack = job.parameters.length_sq[3];
         // Lines are where samples are, give or take a rounding, and so is where they are traced from.
         job.parameters.flange = 4.0 * slack;
+        let under_structures = |shape| {
+            Kind::Shapes(ShapesKey {
+                shape,
+                slack,
+                options: self.options.structures,
+            })
+        };
         let key = OutlineKey {
             skip: job.key,
-            kind: Kind::of(plan.method, tracer),
-            slack,
-            options: self.options.structures,
+            kind: match (plan.method, tracer) {
+                (SkipMethod::Boxes, _) => under_structures(Shape::Boxes),
+                (_, Tracer::Packets) => Kind::Faces,
+                _ => under_structures(Shape::Triangles),
+            },
         };
         let is_current =
             self.outline_is_current && self.outline.as_ref().is_some_and(|o| o.key == key);
@@ -285,10 +315,13 @@ impl GpuRenderer {
             let older = self.outline.take();
             self.outline_is_current = false;
             Some(match key.kind {
-                Kind::Boxes => self.new_boxes(job, plan, key, older, timings)?,
-                Kind::Triangles | Kind::Faces => {
-                    self.new_boundary(job, plan, key, older, timings)?
-                }
+                Kind::Faces => self.new_tree(job, plan, key, older, timings)?,
+                Kind::Shapes(shapes) => match shapes.shape {
+                    Shape::Boxes => self.new_boxes(job, plan, (key, shapes), older, timings)?,
+                    Shape::Triangles => {
+                        self.new_triangles(job, plan, (key, shapes), older, timings)?
+                    }
+                },
             })
         };
         if let Some(outline) = &self.outline {
@@ -329,7 +362,7 @@ impl GpuRenderer {
     /// Makes room for shapes and structures over them.
     fn new_structures(
         &mut self,
-        key: OutlineKey,
+        (key, ShapesKey { shape, options, .. }): (OutlineKey, ShapesKey),
         (num, capacity): (u32, u32),
         [face_bytes, corner_bytes]: [u64; 2],
         is_update: bool,
@@ -347,12 +380,11 @@ impl GpuRenderer {
         let (older_lower, older_corners) = older.unzip();
         let faces = grown(self, older_faces, face_bytes)?;
         let corners = grown(self, older_corners, corner_bytes)?;
-        let over = shapes(key.kind, &corners, capacity);
-        let options = key.options;
+        let over = shape.over(&corners, capacity);
         let mode = BuildMode {
             preference: options.preference,
-            compactable: options.compact && key.kind == Kind::Triangles,
-            updatable: options.refit && key.kind == Kind::Triangles,
+            compactable: options.compact && shape == Shape::Triangles,
+            updatable: options.refit && shape == Shape::Triangles,
         };
         let lower = match older_lower {
             Some(lower) if is_update => lower,
@@ -373,9 +405,11 @@ impl GpuRenderer {
             num,
             faces,
             over: Over::Structures(Box::new(Structures {
+                shape,
                 capacity,
                 corners,
                 lower,
+                is_built: false,
                 upper,
                 instance,
             })),

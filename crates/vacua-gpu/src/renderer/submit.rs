@@ -8,6 +8,7 @@ use vacua_render::{Overlay, RenderSettings, Scene, SkipMethod};
 use super::finder::tiles;
 use super::job::{Job, Preparation, pass};
 use super::options::Search;
+use super::outline::Outline;
 use super::pipelines::{Ahead, Beams, Shader};
 use super::subgroups::Subgroups;
 use super::{GpuRenderer, Plan, Tracer};
@@ -159,7 +160,10 @@ impl GpuRenderer {
             return Err(self.unsupported("a mesh with a tree this deep"));
         }
         self.done(&job, &steps);
-        self.outline_is_current |= pending.is_some();
+        if pending.is_some() {
+            self.outline_is_current = true;
+            self.outline.iter_mut().for_each(Outline::is_done);
+        }
         if is_skipping {
             let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..4]);
             self.num_active = counted[0] as usize;

@@ -1,6 +1,8 @@
 //! The boundary of the active macrocells (paper A §4.2.2), and what leads rays to its faces.
 
-use super::{Kind, Outline, OutlineKey, Over, Pending, PendingFaces, PendingOver, Tree, grown};
+use super::{
+    Kind, Outline, OutlineKey, Over, Pending, PendingFaces, PendingOver, ShapesKey, Tree, grown,
+};
 use crate::error::GpuError;
 use crate::renderer::job::Job;
 use crate::renderer::pipelines::Shader;
@@ -13,28 +15,34 @@ use crate::vulkan::{CompactedSize, Timings};
 const MOST_FACES: u32 = 1 << 27;
 
 impl GpuRenderer {
-    /// Counts the faces of the boundary, and makes room for them.
-    pub(super) fn new_boundary(
+    /// Counts the faces of the boundary, and makes room for their triangles and structures over them.
+    pub(super) fn new_triangles(
         &mut self,
         job: &mut Job,
         plan: Plan,
-        key: OutlineKey,
+        (key, shapes): (OutlineKey, ShapesKey),
         older: Option<Outline>,
         timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
         let (num, faces) = self.count_faces(job, plan, timings)?;
-        if key.kind == Kind::Faces {
-            return self.new_tree(key, num, faces, job, older);
-        }
-        let options = self.options.structures;
+        let options = shapes.options;
         // To be moved later, a structure has to have room for more shapes than there are.
         let wanted = if options.refit { num + num / 4 } else { num }.max(1);
         let older_capacity = match &older {
             Some(Outline {
-                key: older,
+                key:
+                    OutlineKey {
+                        kind: Kind::Shapes(older),
+                        ..
+                    },
                 over: Over::Structures(structures),
                 ..
-            }) if older.kind == key.kind && older.options == options => Some(structures.capacity),
+            }) if older.shape == shapes.shape
+                && older.options == options
+                && structures.is_built =>
+            {
+                Some(structures.capacity)
+            }
             _ => None,
         };
         let is_update = options.refit
@@ -45,7 +53,7 @@ impl GpuRenderer {
             _ => wanted,
         };
         let sizes = [4 * FACE_WORDS, 4 * FACE_NUMBERS].map(|n| n * u64::from(capacity));
-        self.new_structures(key, (num, capacity), sizes, is_update, older)?;
+        self.new_structures((key, shapes), (num, capacity), sizes, is_update, older)?;
         let pending = Pending {
             faces: Some(faces),
             over: PendingOver::Structures { is_update },
@@ -98,20 +106,22 @@ impl GpuRenderer {
         let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..8]);
         let num = counted[1];
         if num > MOST_FACES {
-            return Err(self.unsupported(&format!("a boundary of {num} faces")));
+            let what = format!("a boundary of more than {MOST_FACES} faces");
+            return Err(self.unsupported(&what));
         }
         Ok((num, PendingFaces { write, groups }))
     }
 
-    /// Makes room for faces and our own hierarchy over them.
-    fn new_tree(
+    /// Counts the faces of the boundary, and makes room for them and our own hierarchy over them.
+    pub(super) fn new_tree(
         &mut self,
+        job: &mut Job,
+        plan: Plan,
         key: OutlineKey,
-        num: u32,
-        faces: PendingFaces,
-        job: &Job,
         older: Option<Outline>,
+        timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
+        let (num, faces) = self.count_faces(job, plan, timings)?;
         let level = self
             .pipelines
             .get(&self.layout, Shader::Tree, job.special)?;

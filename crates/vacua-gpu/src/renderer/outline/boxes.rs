@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use vacua_skip::{ActiveMask, cluster_boxes};
 
-use super::{BOX_NUMBERS, Outline, OutlineKey, Pending, PendingOver};
+use super::{BOX_NUMBERS, Outline, OutlineKey, Pending, PendingOver, ShapesKey};
 use crate::error::GpuError;
 use crate::renderer::job::Job;
 use crate::renderer::{GpuRenderer, Plan};
@@ -16,7 +16,7 @@ impl GpuRenderer {
         &mut self,
         job: &mut Job,
         plan: Plan,
-        key: OutlineKey,
+        key: (OutlineKey, ShapesKey),
         older: Option<Outline>,
         timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
