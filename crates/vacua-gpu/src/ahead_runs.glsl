@@ -26,7 +26,8 @@ void next_run(inout Ahead ahead) {
 
 Ahead ahead_of(Ray ray, bool is_seen, uint behind, uint begin, uint end, uvec2 own) {
     uint before = (ray.begin + behind) / BLOCK;
-    Ahead ahead = Ahead(0, 0, first_run(own), is_seen ? MAX_RUNS : 0, before, ray.end + behind);
+    uint most = is_seen && has_runs() ? MAX_RUNS : 0;
+    Ahead ahead = Ahead(0, 0, first_run(own), most, before, ray.end + behind);
     next_run(ahead);
     return ahead;
 }

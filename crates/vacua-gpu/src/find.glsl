@@ -1,12 +1,5 @@
 // Writes the runs of rays, by methods that find them before they are sampled.
 
-// The ray through a pixel; without samples where nothing is active and so nothing can be met.
-Ray ray_to_find(uvec2 pixel) {
-    Ray ray = ray_of(pixel);
-    if (parameters.num_shapes == 0) ray.end = 0;
-    return ray;
-}
-
 // The runs of a ray as they are found.
 struct Runs {
     // Where the next one is written.

@@ -26,7 +26,7 @@ void main() {
         + pixel_of_lane(gl_SubgroupInvocationID);
     uvec2 at = uvec2(own.x, global_row(own.y));
     bool is_inside = at.x < parameters.picture.x && at.y < parameters.picture.y;
-    Ray ray = ray_to_find(at);
+    Ray ray = ray_of(at);
     if (!is_inside) ray.end = 0;
     bool is_seen = ray.begin < ray.end;
     Runs runs = runs_of(ray, first_run(own));

@@ -227,46 +227,12 @@ impl GpuRenderer {
         &self.device
     }
 
-    /// Changes how far the distance map reaches, in macrocells; 1 makes it a plain mask.
-    pub fn set_reach(&mut self, reach: u8) {
-        if reach != self.options.reach {
-            self.options.reach = reach;
-            self.skip = None;
-        }
-    }
-
-    /// How `mesh` traces rays, if that was chosen.
-    pub fn tracer(&self) -> Option<Tracer> {
-        self.options.tracer
-    }
-
-    /// Changes how `mesh` traces rays.
-    pub fn set_tracer(&mut self, tracer: Option<Tracer>) {
-        self.options.tracer = tracer;
-    }
-
-    /// Changes how acceleration structures are made.
-    pub fn set_structures(&mut self, structures: StructureOptions) {
-        self.options.structures = structures;
-    }
-
     /// Makes only a part of every picture.
     pub(crate) fn set_share(&mut self, share: Share) {
         if share != self.share {
             self.share = share;
             self.picture = None;
         }
-    }
-
-    /// Bytes of what rays are traced against, and of the acceleration structure over it alone.
-    pub fn outline_bytes(&self) -> [u64; 2] {
-        let outline = self.outline.as_ref();
-        outline.map_or([0; 2], Outline::size_bytes)
-    }
-
-    /// Faces of the boundary, or boxes, that rays are traced against.
-    pub fn num_outlined(&self) -> usize {
-        self.outline.as_ref().map_or(0, |o| o.num as usize)
     }
 
     /// What the stages of the last picture took on the device: `ranges`, `classify`, `distance`,

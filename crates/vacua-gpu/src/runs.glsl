@@ -17,6 +17,11 @@ const uint OPEN_END = 0xffffu;
 // Words from a ray's run to its next one.
 const uint RUN_STRIDE = 256;
 
+// Whether runs were looked for; where nothing is active there are none, and no ray is traced.
+bool has_runs() {
+    return parameters.num_shapes != 0;
+}
+
 // Where the first run of a ray lies, by its pixel in this device's own rows: rays are numbered as
 // `own_pixel` has them.
 uint first_run(uvec2 own) {

@@ -11,7 +11,7 @@ struct Walk {
 
 Walk walk_of(Ray ray) {
     uint place = SKIPPING ? first_run(own_pixel()) : 0;
-    uint next = SKIPPING ? push.runs.word[place] : 0;
+    uint next = SKIPPING && has_runs() ? push.runs.word[place] : 0;
     return Walk(place, MAX_RUNS - 1, next, ray.begin / BLOCK);
 }
 

@@ -29,7 +29,7 @@ uint seek(Ray ray, vec3 origin, float base, inout uint k) {
 void find_pixel(uvec2 own) {
     uvec2 at = uvec2(own.x, global_row(own.y));
     if (at.x >= parameters.picture.x || at.y >= parameters.picture.y) return;
-    Ray ray = ray_to_find(at);
+    Ray ray = ray_of(at);
     Runs runs = runs_of(ray, first_run(own));
     // Rays are traced from before the first sample that is seen.
     float base = float(ray.begin) - 2.0;

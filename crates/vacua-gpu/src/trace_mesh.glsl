@@ -27,7 +27,7 @@ uint first_face(Ray ray, Walk walk) {
 void find_pixel(uvec2 own) {
     uvec2 at = uvec2(own.x, global_row(own.y));
     if (at.x >= parameters.picture.x || at.y >= parameters.picture.y) return;
-    Ray ray = ray_to_find(at);
+    Ray ray = ray_of(at);
     Runs runs = runs_of(ray, first_run(own));
     Walk walk = walk_of(ray, runs);
     while (walk.sought != NOTHING) take(ray, walk, runs, first_face(ray, walk));

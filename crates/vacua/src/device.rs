@@ -1,9 +1,14 @@
 //! What renders: the CPU, or a GPU where there is one.
 
+mod shader_folder;
+
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use vacua_gpu::{DeviceChoice, GpuError, GpuGroup, GpuRenderer};
 use vacua_render::{CpuRenderer, RenderError, RenderSettings, Renderer, Rendering, Scene};
+
+use self::shader_folder::ShaderFolder;
 
 /// What renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,6 +62,8 @@ pub struct Backend {
     last: Last,
     /// Why the CPU renders, if a GPU was looked for.
     reason: Option<String>,
+    /// Where shaders that the GPU has compiled are kept, if they are.
+    shaders: Option<ShaderFolder>,
 }
 
 impl Backend {
@@ -72,6 +79,7 @@ impl Backend {
             is_auto: device == Device::Auto,
             last: Last::Gpu,
             reason: None,
+            shaders: None,
         };
         let choice = match device {
             Device::Auto => DeviceChoice::Hardware,
@@ -91,10 +99,28 @@ impl Backend {
         Ok(backend)
     }
 
+    /// Keeps shaders that a GPU compiles in a folder, a file for each model, and takes those that are there:
+    /// compiling them takes some drivers seconds. They are written when this is dropped. That none can be read
+    /// or written is no error; the log says so.
+    pub fn keep_shaders_in(&mut self, folder: impl Into<PathBuf>) {
+        let mut folder = ShaderFolder::new(folder.into());
+        if let Some(gpu) = &mut self.gpu {
+            folder.read(gpu.members_mut());
+            self.shaders = Some(folder);
+        }
+    }
+
+    fn write_shaders(&self) {
+        if let (Some(folder), Some(gpu)) = (&self.shaders, &self.gpu) {
+            folder.write(gpu.members());
+        }
+    }
+
     /// Goes on with the CPU.
     fn fall_back(&mut self, error: &dyn std::error::Error) -> Result<(), RenderError> {
         tracing::info!(%error, "rendering on the CPU");
         self.reason = Some(error.to_string());
+        self.write_shaders();
         self.gpu = None;
         self.cpu = Some(CpuRenderer::new(self.threads)?);
         Ok(())
@@ -142,6 +168,12 @@ impl Backend {
     pub fn gpu(&self) -> Option<&GpuRenderer> {
         let group = self.gpu.as_ref().filter(|_| self.last == Last::Gpu);
         group?.members().first()
+    }
+}
+
+impl Drop for Backend {
+    fn drop(&mut self) {
+        self.write_shaders();
     }
 }
 

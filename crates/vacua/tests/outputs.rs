@@ -1,11 +1,11 @@
-//! Where the command writes: links, pipes, standard output; and where it refuses to.
+//! Where the command writes: links, pipes, standard output, shaders that are kept; and where it refuses to.
 
 mod common;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{folder, stderr, succeed, text, vacua};
+use common::{folder, stderr, succeed, text, vacua, vacua_with_cache};
 
 fn fails(arguments: &[&str], code: i32) -> String {
     let output = vacua(arguments);
@@ -56,6 +56,7 @@ fn results_on_standard_output() {
     let file = std::fs::OpenOptions::new().append(true).open(&log);
     let status = Command::new(env!("CARGO_BIN_EXE_vacua"))
         .args([&["render", &grid, "-o", "-"][..], &SMALL].concat())
+        .env("XDG_CACHE_HOME", folder.path())
         .stdout(file.expect("there"))
         .status();
     assert!(status.expect("the command starts").success());
@@ -132,4 +133,81 @@ fn what_would_be_lost_is_refused() {
     let nowhere = text(&folder.path().join("none/a.vacua"));
     let message = fails(&["encode", &mesh, "-o", &nowhere], 1);
     assert!(!message.contains("at path"), "{message}");
+}
+
+/// A picture on any Vulkan device, with a folder for what is kept; `None` (said aloud) without a device.
+fn picture(target: &Path, cache: &Path) -> Option<Vec<u8>> {
+    let grid = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/hydrogen.vti");
+    let target_text = text(target);
+    let arguments = [
+        "render",
+        grid,
+        "-o",
+        &target_text,
+        "--size",
+        "40x30",
+        "--device",
+        "gpu",
+    ];
+    let output = vacua_with_cache(&arguments, cache);
+    if !output.status.success() {
+        let is_required = std::env::var_os("VACUA_GPU_REQUIRED").is_some();
+        assert!(!is_required, "{}", stderr(&output));
+        eprintln!("SKIPPED: no Vulkan device to test on: {}", stderr(&output));
+        return None;
+    }
+    Some(std::fs::read(target).expect("a picture"))
+}
+
+fn kept(cache: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(cache.join("vacua")).expect("a folder");
+    entries
+        .map(|entry| entry.expect("an entry").path())
+        .collect()
+}
+
+#[test]
+fn shaders_are_kept_and_damage_is_survived() {
+    let folder = folder();
+    let target = folder.path().join("a.png");
+    let cache = folder.path().join("cache");
+    let Some(first) = picture(&target, &cache) else {
+        return;
+    };
+    let [file] = &kept(&cache)[..] else {
+        panic!("one file of one device: {:?}", kept(&cache));
+    };
+    assert_eq!(file.extension(), Some("shaders".as_ref()));
+    let shaders = std::fs::read(file).expect("kept");
+    assert_eq!(
+        picture(&target, &cache).as_ref(),
+        Some(&first),
+        "by shaders that were kept"
+    );
+
+    let mut flipped = shaders.clone();
+    *flipped.last_mut().expect("bytes") ^= 0x40;
+    for damaged in [
+        &shaders[..shaders.len() / 2],
+        &flipped,
+        &[],
+        b"no shaders at all",
+    ] {
+        std::fs::write(file, damaged).expect("writable");
+        assert_eq!(
+            picture(&target, &cache).as_ref(),
+            Some(&first),
+            "by damaged ones"
+        );
+        let mended = std::fs::read(file).expect("kept");
+        assert_eq!(mended.len(), shaders.len(), "the file is whole again");
+    }
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_survived() {
+    let folder = folder();
+    let cache = folder.path().join("no folder");
+    std::fs::write(&cache, "a file").expect("writable");
+    picture(&folder.path().join("a.png"), &cache);
 }

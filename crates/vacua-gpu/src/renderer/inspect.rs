@@ -1,4 +1,4 @@
-//! What the device has made on the way to a picture, for tests.
+//! What the device has made on the way to a picture.
 
 use std::sync::Arc;
 
@@ -6,6 +6,7 @@ use vacua_skip::Quad;
 
 use super::GpuRenderer;
 use super::job::SkipKey;
+use super::outline::Outline;
 use crate::error::GpuError;
 use crate::shared::{FACE_NUMBERS, FACE_WORDS};
 use crate::skip::DeviceMacrocells;
@@ -15,6 +16,17 @@ use crate::vulkan::{Buffer, Commands, Device, Layout, Place};
 pub type Boundary = (Vec<Quad>, Vec<[[f32; 3]; 6]>);
 
 impl GpuRenderer {
+    /// Bytes of what rays are traced against, and of the acceleration structure over it alone.
+    pub fn outline_bytes(&self) -> [u64; 2] {
+        let outline = self.outline.as_ref();
+        outline.map_or([0; 2], Outline::size_bytes)
+    }
+
+    /// Faces of the boundary, or boxes, that rays are traced against.
+    pub fn num_outlined(&self) -> usize {
+        self.outline.as_ref().map_or(0, |o| o.num as usize)
+    }
+
     /// The ranges of macrocells of a size as the device has them, for tests: lower and upper ends;
     /// `None` if they were never needed.
     ///

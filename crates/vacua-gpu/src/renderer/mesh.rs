@@ -103,16 +103,6 @@ impl GpuRenderer {
         self.mesh.as_ref().map(|m| m.bytes)
     }
 
-    /// Chooses how rays search a mesh, together unless told otherwise; pictures do not depend on it.
-    pub fn set_search(&mut self, rays: Search) {
-        self.options.rays = rays;
-    }
-
-    /// Chooses how a list of places searches a mesh, each on its own unless told otherwise.
-    pub fn set_places_search(&mut self, places: Search) {
-        self.options.places = places;
-    }
-
     /// Holds the next meshes in an encoding that the packed one is compared with, or as they are packed
     /// again; pictures do not depend on it. Its cells are those of the scenes that follow.
     pub fn set_reference(&mut self, reference: Option<MeshReference>) {

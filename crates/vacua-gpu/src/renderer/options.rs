@@ -1,5 +1,6 @@
 //! How the renderer works.
 
+use super::GpuRenderer;
 use crate::vulkan::Preference;
 
 /// How rays find the faces of a boundary, or the cells of a mesh.
@@ -68,5 +69,40 @@ impl Default for GpuOptions {
             rays: Search::Together,
             places: Search::Alone,
         }
+    }
+}
+
+impl GpuRenderer {
+    /// Changes how far the distance map reaches, in macrocells; 1 makes it a plain mask.
+    pub fn set_reach(&mut self, reach: u8) {
+        if reach != self.options.reach {
+            self.options.reach = reach;
+            self.skip = None;
+        }
+    }
+
+    /// How `mesh` traces rays, if that was chosen.
+    pub fn tracer(&self) -> Option<Tracer> {
+        self.options.tracer
+    }
+
+    /// Changes how `mesh` traces rays.
+    pub fn set_tracer(&mut self, tracer: Option<Tracer>) {
+        self.options.tracer = tracer;
+    }
+
+    /// Changes how acceleration structures are made.
+    pub fn set_structures(&mut self, structures: StructureOptions) {
+        self.options.structures = structures;
+    }
+
+    /// Chooses how rays search a mesh, together unless told otherwise; pictures do not depend on it.
+    pub fn set_search(&mut self, rays: Search) {
+        self.options.rays = rays;
+    }
+
+    /// Chooses how a list of places searches a mesh, each on its own unless told otherwise.
+    pub fn set_places_search(&mut self, places: Search) {
+        self.options.places = places;
     }
 }

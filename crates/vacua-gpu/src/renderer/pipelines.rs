@@ -6,6 +6,7 @@ use std::sync::Arc;
 use vacua_render::{Integrator, RenderSettings, Shading};
 use vacua_volume::Association;
 
+use super::GpuRenderer;
 use crate::error::GpuError;
 use crate::shaders;
 use crate::shared::{Parameters, constant, words};
@@ -235,6 +236,26 @@ fn constants(numbers: &[u32], special: Special) -> Vec<Constant> {
         bits: special[id as usize],
     };
     numbers.iter().map(constant).collect()
+}
+
+impl GpuRenderer {
+    /// All shaders compiled so far, for [`GpuRenderer::add_compiled_shaders`] of a later run: compiling them
+    /// takes some drivers seconds.
+    ///
+    /// # Errors
+    /// What the driver says.
+    pub fn compiled_shaders(&self) -> Result<Vec<u8>, GpuError> {
+        self.layout.shaders().sealed()
+    }
+
+    /// Takes shaders that an earlier run has compiled. Whether they are taken: not if they are damaged, or were
+    /// compiled for another device or by another version of its driver.
+    ///
+    /// # Errors
+    /// What the driver says.
+    pub fn add_compiled_shaders(&mut self, shaders: &[u8]) -> Result<bool, GpuError> {
+        self.layout.shaders_mut().add(shaders)
+    }
 }
 
 /// All pipelines so far.

@@ -74,6 +74,8 @@ impl GpuRenderer {
         };
         let steps = self.steps(&job, plan)?;
         let finder = self.finder(&mut job, plan, tracer)?;
+        // Where nothing is active, nothing can be met.
+        let traces = self.outline.as_ref().is_some_and(|o| o.num > 0);
         let marcher = if self.mesh.is_some() {
             self.mesh_marcher(job.special)?
         } else {
@@ -129,7 +131,7 @@ impl GpuRenderer {
                 if !is_skipping {
                     push.skip = 0;
                 }
-                if let Some(finder) = &finder {
+                if let Some(finder) = finder.as_ref().filter(|_| traces) {
                     recorder.stage("find", |r| finder.record(r, &push, size));
                 }
                 recorder.stage("march", |r| {

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use ash::vk;
 
 use super::ray_tracing::RayTracing;
+use super::shader_cache::ShaderKind;
 use super::{Device, Named};
 use crate::error::GpuError;
 
@@ -93,9 +94,16 @@ pub struct DeviceInfo {
     pub(crate) subgroup_lanes: Option<u32>,
     /// Whether pipelines can demand that subgroups have as many lanes, and all of them are there.
     pub(crate) can_fill_subgroups: bool,
+    /// What tells its compiled shaders from others'.
+    pub(crate) shaders: ShaderKind,
 }
 
 impl DeviceInfo {
+    /// A name of its model that is the same wherever there is one like it, of letters, digits and `-`.
+    pub fn model(&self) -> String {
+        self.shaders.model()
+    }
+
     /// Whether it has acceleration structures and ray tracing pipelines.
     pub fn has_ray_tracing(&self) -> bool {
         self.ray_tracing.is_some_and(|r| r.has_pipelines)
@@ -404,6 +412,11 @@ impl Instance {
             max_allocation_bytes: limits_11.max_memory_allocation_size,
             has_budget: has(ash::ext::memory_budget::NAME),
             can_fill_subgroups,
+            shaders: ShaderKind {
+                vendor: base.vendor_id,
+                device: base.device_id,
+                driver: base.pipeline_cache_uuid,
+            },
             subgroup_lanes: limits_11
                 .subgroup_supported_operations
                 .contains(

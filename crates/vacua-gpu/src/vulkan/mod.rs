@@ -9,6 +9,7 @@ mod instance;
 mod pipeline;
 mod ray_pipeline;
 mod ray_tracing;
+mod shader_cache;
 mod structure;
 
 pub(crate) use buffer::{Buffer, Place};

@@ -2,9 +2,11 @@
 //! block of push constants.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use ash::vk;
 
+use super::shader_cache::ShaderCache;
 use super::{Buffer, Device, Layers, Named, Sampler};
 use crate::error::GpuError;
 use crate::shared::{MAX_SLABS, Push};
@@ -29,7 +31,7 @@ pub(crate) struct Layout {
     pipeline_layout: vk::PipelineLayout,
     pool: vk::DescriptorPool,
     set: vk::DescriptorSet,
-    cache: vk::PipelineCache,
+    shaders: ShaderCache,
     sampler: Sampler,
 }
 
@@ -42,7 +44,7 @@ impl Layout {
             pipeline_layout: vk::PipelineLayout::null(),
             pool: vk::DescriptorPool::null(),
             set: vk::DescriptorSet::null(),
-            cache: vk::PipelineCache::null(),
+            shaders: ShaderCache::new(device)?,
             sampler,
         };
         let raw = device.raw();
@@ -110,9 +112,6 @@ impl Layout {
         let found = unsafe { raw.allocate_descriptor_sets(&allocate) }
             .named("taking a descriptor set", name)?;
         layout.set = found[0];
-        // SAFETY: an empty cache.
-        layout.cache = unsafe { raw.create_pipeline_cache(&Default::default(), None) }
-            .named("making a pipeline cache", name)?;
         Ok(layout)
     }
 
@@ -185,8 +184,14 @@ impl Layout {
         &self.device
     }
 
-    pub(super) fn cache(&self) -> vk::PipelineCache {
-        self.cache
+    /// Shaders compiled so far.
+    pub fn shaders(&self) -> &ShaderCache {
+        &self.shaders
+    }
+
+    /// Shaders compiled so far, to be added to.
+    pub fn shaders_mut(&mut self) -> &mut ShaderCache {
+        &mut self.shaders
     }
 
     pub fn set(&self) -> vk::DescriptorSet {
@@ -199,7 +204,6 @@ impl Drop for Layout {
         let raw = self.device.raw();
         // SAFETY: submissions are waited for, so nothing uses these; null handles are allowed.
         unsafe {
-            raw.destroy_pipeline_cache(self.cache, None);
             raw.destroy_descriptor_pool(self.pool, None);
             raw.destroy_pipeline_layout(self.pipeline_layout, None);
             raw.destroy_descriptor_set_layout(self.set_layout, None);
@@ -299,12 +303,15 @@ impl ComputePipeline {
         let create = [vk::ComputePipelineCreateInfo::default()
             .stage(stage)
             .layout(layout.pipeline_layout)];
+        let start = Instant::now();
         // SAFETY: everything that `create` points to is alive.
         let made = unsafe {
             device
                 .raw()
-                .create_compute_pipelines(layout.cache, &create, None)
+                .create_compute_pipelines(layout.shaders.raw(), &create, None)
         };
+        let words = spirv.len();
+        tracing::debug!(words, secs = start.elapsed().as_secs_f64(), "compiled");
         let made = made
             .map_err(|(_, result)| result)
             .named("compiling a shader", name)?;

@@ -108,7 +108,7 @@ impl RayPipeline {
         let made = unsafe {
             functions.create_ray_tracing_pipelines(
                 vk::DeferredOperationKHR::null(),
-                layout.cache(),
+                layout.shaders().raw(),
                 &create,
                 None,
             )

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::builder::{PathBufValueParser, TypedValueParser as _};
+use etcetera::BaseStrategy as _;
 use vacua::{
     Backend, Camera, ClipPlane, Detail, Device, Integrator, Overlay, RenderSettings, Shading,
     SkipMethod,
@@ -319,6 +320,9 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     let mut renderer =
         Backend::new(args.method.device, threads).map_err(|e| Failure::Other(Box::new(e)))?;
+    if let Some(folder) = cache_folder() {
+        renderer.keep_shaders_in(folder);
+    }
     let early = if args.method.progressive {
         Some(render_progressively(
             args,
@@ -381,6 +385,12 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         output::print_json(&report)?;
     }
     Ok(())
+}
+
+/// Where the system wants files that only save time, if it says so.
+fn cache_folder() -> Option<PathBuf> {
+    let folders = etcetera::choose_base_strategy().ok()?;
+    Some(folders.cache_dir().join("vacua"))
 }
 
 /// How far the values of the picture may be from the exact ones.

@@ -3,10 +3,16 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// What becomes of some arguments.
+/// What becomes of some arguments; nothing is kept in the user's own folders.
 pub fn vacua(arguments: &[&str]) -> Output {
+    vacua_with_cache(arguments, Path::new(env!("CARGO_TARGET_TMPDIR")))
+}
+
+/// The same with a folder for what is kept from run to run.
+pub fn vacua_with_cache(arguments: &[&str], cache: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_vacua"))
         .args(arguments)
+        .env("XDG_CACHE_HOME", cache)
         .output()
         .expect("the command starts")
 }
