@@ -6,7 +6,6 @@ macro_rules! shaders {
         $($(#[$doc])* pub(crate) const $name: &[u8] = include_bytes!(concat!($file, ".spv"));)*
 
         /// All of them, by name.
-        #[cfg(test)]
         pub(crate) const ALL: &[(&str, &[u8])] = &[$(($file, $name)),*];
     };
 }

@@ -309,6 +309,37 @@ fn moved(look: &TransferFunction, by: f64) -> TransferFunction {
     .expect("points in order")
 }
 
+/// Nothing is active in the first picture of all, so that runs were never found.
+#[test]
+fn nothing_to_be_seen() {
+    let scene = bytes(uniform(POINTS), Association::Point);
+    let look = moved(&scene.transfer_function, 300.0);
+    let scene = scene.transfer_function(look);
+    for (method, tracer) in WAYS {
+        for rays in [Search::Together, Search::Alone] {
+            let options = GpuOptions {
+                tracer: Some(tracer),
+                rays,
+                ..GpuOptions::default()
+            };
+            let Some(mut gpu) = renderer(options) else {
+                return;
+            };
+            if !has(&gpu, tracer) {
+                continue;
+            }
+            let settings = RenderSettings {
+                skip: method,
+                ..small()
+            };
+            let frame = picture(&mut gpu, &scene, &settings);
+            let what = format!("{} by {tracer:?}, {rays:?}", method.name());
+            assert!(frame.is_blank() && frame.total_samples() == 0, "{what}");
+            assert_valid(&gpu);
+        }
+    }
+}
+
 /// After every edit of the transfer function the picture is the one that a new renderer makes,
 /// however structures are kept up to date.
 #[test]
@@ -359,6 +390,9 @@ fn edits_of_the_transfer_function() {
                 let traced = picture(&mut gpu, &scene, &settings);
                 assert_same_bits(&what, &traced, &whole);
                 let took = |stage| gpu.timings().0.iter().any(|(name, _)| *name == stage);
+                let is_active = !whole.is_blank();
+                assert_eq!(took("find"), is_active, "{what}: nothing to be met");
+                assert_eq!(traced.total_samples() > 0, is_active, "{what}");
                 refits += usize::from(took("refit"));
                 let is_built = took("blas") || took("refit");
                 assert_eq!(is_built, tracer == Tracer::Pipeline, "{what}: once an edit");

@@ -62,6 +62,8 @@ pub struct Backend {
     last: Last,
     /// Why the CPU renders, if a GPU was looked for.
     reason: Option<String>,
+    /// Whether the GPU has rendered anything.
+    has_rendered: bool,
     /// Where shaders that the GPU has compiled are kept, if they are.
     shaders: Option<ShaderFolder>,
 }
@@ -79,6 +81,7 @@ impl Backend {
             is_auto: device == Device::Auto,
             last: Last::Gpu,
             reason: None,
+            has_rendered: false,
             shaders: None,
         };
         let choice = match device {
@@ -100,8 +103,9 @@ impl Backend {
     }
 
     /// Keeps shaders that a GPU compiles in a folder, a file for each model, and takes those that are there:
-    /// compiling them takes some drivers seconds. They are written when this is dropped. That none can be read
-    /// or written is no error; the log says so.
+    /// compiling them takes some drivers seconds. To be called before anything is rendered. They are written when
+    /// this is dropped, or the CPU takes over, if the GPU has rendered; where it failed the files are removed.
+    /// That none can be read or written is no error; the log says so.
     pub fn keep_shaders_in(&mut self, folder: impl Into<PathBuf>) {
         let mut folder = ShaderFolder::new(folder.into());
         if let Some(gpu) = &mut self.gpu {
@@ -110,9 +114,15 @@ impl Backend {
         }
     }
 
-    fn write_shaders(&self) {
-        if let (Some(folder), Some(gpu)) = (&self.shaders, &self.gpu) {
-            folder.write(gpu.members());
+    fn write_shaders(&mut self) {
+        if let (Some(folder), Some(gpu), true) = (&self.shaders, &mut self.gpu, self.has_rendered) {
+            folder.write(gpu.members_mut());
+        }
+    }
+
+    fn discard_shaders(&mut self) {
+        if let (Some(folder), Some(gpu)) = (self.shaders.take(), &self.gpu) {
+            folder.discard(gpu.members());
         }
     }
 
@@ -186,22 +196,30 @@ impl Renderer for Backend {
         settings: &RenderSettings,
     ) -> Result<Rendering, RenderError> {
         self.last = Last::Gpu;
-        if let Some(gpu) = &mut self.gpu {
-            match gpu.render(scene, settings) {
-                Err(RenderError::Device(error)) if self.is_auto => {
-                    match error.downcast_ref::<GpuError>() {
-                        // Exact pictures of the same scene may follow on the GPU.
-                        Some(GpuError::Detail { .. }) => {
-                            self.reason = Some(error.to_string());
-                            return self.on_cpu(scene, settings);
-                        }
-                        Some(GpuError::Unsupported { .. } | GpuError::Memory { .. }) => {}
-                        _ => tracing::warn!(%error, "the GPU failed"),
-                    }
-                    self.fall_back(&*error)?;
-                }
-                other => return other,
+        let Some(gpu) = &mut self.gpu else {
+            return self.on_cpu(scene, settings);
+        };
+        let error = match gpu.render(scene, settings) {
+            Ok(rendering) => {
+                self.has_rendered = true;
+                return Ok(rendering);
             }
+            Err(RenderError::Device(error)) => error,
+            Err(other) => return Err(other),
+        };
+        let known = error.downcast_ref::<GpuError>();
+        if let Some(GpuError::Lost { .. } | GpuError::Vulkan { .. }) | None = known {
+            tracing::warn!(%error, "the GPU failed");
+            self.discard_shaders();
+        }
+        if !self.is_auto {
+            return Err(RenderError::Device(error));
+        }
+        if let Some(GpuError::Detail { .. }) = known {
+            // Exact pictures of the same scene may follow on the GPU.
+            self.reason = Some(error.to_string());
+        } else {
+            self.fall_back(&*error)?;
         }
         self.on_cpu(scene, settings)
     }

@@ -41,14 +41,17 @@ pub(super) fn tiles([width, rows]: [u32; 2]) -> [u32; 3] {
 }
 
 impl GpuRenderer {
-    /// What finds the runs of a picture of voxels, with room for them; `None` if no ray is traced.
+    /// What finds the runs of a picture of voxels, with room for them; `None` if no ray is traced: by other
+    /// methods, or where nothing is active and so nothing can be met.
     pub(super) fn finder(
         &mut self,
         job: &mut Job,
         plan: Plan,
         tracer: Option<Tracer>,
     ) -> Result<Option<Finder>, GpuError> {
-        let Some(picture) = self.picture.as_ref().filter(|_| self.mesh.is_none()) else {
+        let has_shapes = self.outline.as_ref().is_some_and(|o| o.num > 0);
+        let may_trace = self.mesh.is_none() && has_shapes;
+        let Some(picture) = self.picture.as_ref().filter(|_| may_trace) else {
             return Ok(None);
         };
         let size = [picture.width as u32, picture.rows as u32];

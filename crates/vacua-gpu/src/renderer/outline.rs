@@ -129,7 +129,7 @@ impl Outline {
     }
 
     /// What was recorded for it has been done.
-    pub fn is_done(&mut self) {
+    pub fn set_built(&mut self) {
         if let Over::Structures(structures) = &mut self.over {
             structures.is_built = true;
         }
@@ -315,12 +315,10 @@ impl GpuRenderer {
             let older = self.outline.take();
             self.outline_is_current = false;
             Some(match key.kind {
-                Kind::Faces => self.new_tree(job, plan, key, older, timings)?,
+                Kind::Faces => self.new_tree(job, plan, older, timings)?,
                 Kind::Shapes(shapes) => match shapes.shape {
-                    Shape::Boxes => self.new_boxes(job, plan, (key, shapes), older, timings)?,
-                    Shape::Triangles => {
-                        self.new_triangles(job, plan, (key, shapes), older, timings)?
-                    }
+                    Shape::Boxes => self.new_boxes(job, plan, shapes, older, timings)?,
+                    Shape::Triangles => self.new_triangles(job, plan, shapes, older, timings)?,
                 },
             })
         };
@@ -362,7 +360,7 @@ impl GpuRenderer {
     /// Makes room for shapes and structures over them.
     fn new_structures(
         &mut self,
-        (key, ShapesKey { shape, options, .. }): (OutlineKey, ShapesKey),
+        (skip, shapes): (SkipKey, ShapesKey),
         (num, capacity): (u32, u32),
         [face_bytes, corner_bytes]: [u64; 2],
         is_update: bool,
@@ -380,6 +378,7 @@ impl GpuRenderer {
         let (older_lower, older_corners) = older.unzip();
         let faces = grown(self, older_faces, face_bytes)?;
         let corners = grown(self, older_corners, corner_bytes)?;
+        let ShapesKey { shape, options, .. } = shapes;
         let over = shape.over(&corners, capacity);
         let mode = BuildMode {
             preference: options.preference,
@@ -400,8 +399,9 @@ impl GpuRenderer {
         };
         let upper = Structure::new(&self.device, above, mode, None)?;
         self.layout.bind_scene(upper.raw());
+        let kind = Kind::Shapes(shapes);
         self.outline = Some(Outline {
-            key,
+            key: OutlineKey { skip, kind },
             num,
             faces,
             over: Over::Structures(Box::new(Structures {

@@ -248,8 +248,9 @@ impl GpuRenderer {
         self.layout.shaders().sealed()
     }
 
-    /// Takes shaders that an earlier run has compiled. Whether they are taken: not if they are damaged, or were
-    /// compiled for another device or by another version of its driver.
+    /// Takes shaders that an earlier run has compiled, as [`GpuRenderer::compiled_shaders`] gave them. Whether they
+    /// are taken: not if they are damaged, or were compiled for another device, by another version of its driver
+    /// or from other sources. The driver runs what it is given: take them from nowhere else.
     ///
     /// # Errors
     /// What the driver says.

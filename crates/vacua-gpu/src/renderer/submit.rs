@@ -74,12 +74,10 @@ impl GpuRenderer {
         };
         let steps = self.steps(&job, plan)?;
         let finder = self.finder(&mut job, plan, tracer)?;
-        // Where nothing is active, nothing can be met.
-        let traces = self.outline.as_ref().is_some_and(|o| o.num > 0);
         let marcher = if self.mesh.is_some() {
             self.mesh_marcher(job.special)?
         } else {
-            let ahead = match &finder {
+            let ahead = match tracer {
                 Some(_) => Ahead::Runs,
                 None => Ahead::Map,
             };
@@ -131,7 +129,7 @@ impl GpuRenderer {
                 if !is_skipping {
                     push.skip = 0;
                 }
-                if let Some(finder) = finder.as_ref().filter(|_| traces) {
+                if let Some(finder) = &finder {
                     recorder.stage("find", |r| finder.record(r, &push, size));
                 }
                 recorder.stage("march", |r| {
@@ -164,7 +162,7 @@ impl GpuRenderer {
         self.done(&job, &steps);
         if pending.is_some() {
             self.outline_is_current = true;
-            self.outline.iter_mut().for_each(Outline::is_done);
+            self.outline.iter_mut().for_each(Outline::set_built);
         }
         if is_skipping {
             let counted: &[u32] = bytemuck::cast_slice(&self.tables.counted.bytes()[..4]);

@@ -416,6 +416,7 @@ impl Instance {
                 vendor: base.vendor_id,
                 device: base.device_id,
                 driver: base.pipeline_cache_uuid,
+                driver_version: base.driver_version,
             },
             subgroup_lanes: limits_11
                 .subgroup_supported_operations

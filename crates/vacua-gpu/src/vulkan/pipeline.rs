@@ -310,11 +310,11 @@ impl ComputePipeline {
                 .raw()
                 .create_compute_pipelines(layout.shaders.raw(), &create, None)
         };
-        let words = spirv.len();
-        tracing::debug!(words, secs = start.elapsed().as_secs_f64(), "compiled");
         let made = made
             .map_err(|(_, result)| result)
             .named("compiling a shader", name)?;
+        let secs = start.elapsed().as_secs_f64();
+        tracing::debug!(words = spirv.len(), secs, "a shader, compiled or known");
         Ok(Self {
             device: device.clone(),
             raw: made[0],

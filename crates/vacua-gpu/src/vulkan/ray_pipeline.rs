@@ -2,6 +2,7 @@
 //! devices look them up.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use ash::vk;
 
@@ -104,6 +105,7 @@ impl RayPipeline {
             .groups(&groups)
             .max_pipeline_ray_recursion_depth(1)
             .layout(layout.raw())];
+        let start = Instant::now();
         // SAFETY: everything that `create` points to is alive.
         let made = unsafe {
             functions.create_ray_tracing_pipelines(
@@ -116,6 +118,12 @@ impl RayPipeline {
         let made = made
             .map_err(|(_, result)| result)
             .named("compiling ray tracing shaders", name)?;
+        let secs = start.elapsed().as_secs_f64();
+        let words: usize = given
+            .iter()
+            .filter_map(|(spirv, _)| Some(spirv.as_ref()?.len()))
+            .sum();
+        tracing::debug!(words, secs, "ray tracing shaders, compiled or known");
         let mut pipeline = Self {
             device: device.clone(),
             raw: made[0],

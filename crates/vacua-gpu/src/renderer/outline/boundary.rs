@@ -20,7 +20,7 @@ impl GpuRenderer {
         &mut self,
         job: &mut Job,
         plan: Plan,
-        (key, shapes): (OutlineKey, ShapesKey),
+        shapes: ShapesKey,
         older: Option<Outline>,
         timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
@@ -53,7 +53,7 @@ impl GpuRenderer {
             _ => wanted,
         };
         let sizes = [4 * FACE_WORDS, 4 * FACE_NUMBERS].map(|n| n * u64::from(capacity));
-        self.new_structures((key, shapes), (num, capacity), sizes, is_update, older)?;
+        self.new_structures((job.key, shapes), (num, capacity), sizes, is_update, older)?;
         let pending = Pending {
             faces: Some(faces),
             over: PendingOver::Structures { is_update },
@@ -117,7 +117,6 @@ impl GpuRenderer {
         &mut self,
         job: &mut Job,
         plan: Plan,
-        key: OutlineKey,
         older: Option<Outline>,
         timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
@@ -137,8 +136,9 @@ impl GpuRenderer {
         let room = |each: u64, num: u64| each * num.max(1);
         let face_bytes = room(4 * FACE_WORDS, num.into());
         let node_bytes = room(4 * NODE_WORDS, Tree::room(num));
+        let (skip, kind) = (job.key, Kind::Faces);
         self.outline = Some(Outline {
-            key,
+            key: OutlineKey { skip, kind },
             num,
             faces: grown(self, older_faces, face_bytes)?,
             over: Over::Tree(Tree {

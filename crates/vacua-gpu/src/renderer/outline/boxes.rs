@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use vacua_skip::{ActiveMask, cluster_boxes};
 
-use super::{BOX_NUMBERS, Outline, OutlineKey, Pending, PendingOver, ShapesKey};
+use super::{BOX_NUMBERS, Outline, Pending, PendingOver, ShapesKey};
 use crate::error::GpuError;
 use crate::renderer::job::Job;
 use crate::renderer::{GpuRenderer, Plan};
@@ -16,7 +16,7 @@ impl GpuRenderer {
         &mut self,
         job: &mut Job,
         plan: Plan,
-        key: (OutlineKey, ShapesKey),
+        shapes: ShapesKey,
         older: Option<Outline>,
         timings: &mut Timings,
     ) -> Result<Pending, GpuError> {
@@ -45,7 +45,7 @@ impl GpuRenderer {
         let num = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
         let capacity = num.max(1);
         let size = 4 * (BOX_NUMBERS * capacity as usize) as u64;
-        self.new_structures(key, (num, capacity), [size; 2], false, older)?;
+        self.new_structures((job.key, shapes), (num, capacity), [size; 2], false, older)?;
         let wider = job.parameters.flange;
         // Both as they are and wider, one after the other; what there is no box for is far away.
         let mut numbers = vec![f32::MAX; 2 * BOX_NUMBERS * capacity as usize];
