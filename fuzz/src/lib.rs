@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use vacua_io::{Format, ReadOptions, Source, formats};
+use vacua_io::{Dataset, Format, ReadOptions, Source, formats};
 use vacua_pack::file::PackedFile;
 
 /// A fuzz target: its name and the file name under which it presents its bytes.
@@ -23,7 +23,7 @@ const fn target(name: &'static str, file: &'static str) -> Target {
 
 /// All targets. Formats that need a second file (`.nhdr`, `.mhd`, `.pvt*`) share the parsers of
 /// those that do not.
-pub const TARGETS: [Target; 18] = [
+pub const TARGETS: [Target; 19] = [
     target("vti", "fuzz.vti"),
     target("vtr", "fuzz.vtr"),
     target("vts", "fuzz.vts"),
@@ -42,10 +42,17 @@ pub const TARGETS: [Target; 18] = [
     target("tiff", "fuzz.tif"),
     target("raw", "fuzz_4x3x5_uint16.raw"),
     target(PACKED, "fuzz.vacua"),
+    target(ZARR, "fuzz.zarr"),
 ];
 
 /// The target of encoded meshes, which have a reader of their own.
 const PACKED: &str = "vacua";
+
+/// The target of Zarr arrays, which are folders: metadata, a line of [`BETWEEN`], and the first chunk.
+const ZARR: &str = "zarr";
+
+/// What parts metadata from a chunk.
+const BETWEEN: &[u8] = b"\n----\n";
 
 /// The format that reads a target's files, by extension.
 pub fn format_of(target: &Target) -> Option<&'static Format> {
@@ -68,9 +75,17 @@ pub fn read(name: &str, bytes: &[u8]) -> Option<usize> {
     if name == PACKED {
         return read_packed(target.file, bytes);
     }
+    if name == ZARR {
+        return read_zarr(bytes);
+    }
     let format = format_of(target).unwrap_or_else(|| panic!("no reader for {}", target.file));
     let source = Source::from_bytes(Path::new(target.file), bytes.to_vec());
     let dataset = (format.read)(&source, &ReadOptions::default()).ok()?;
+    Some(load(&dataset))
+}
+
+/// Loads all fields; how many could be.
+fn load(dataset: &Dataset) -> usize {
     let bounds = dataset.geometry().bounds();
     assert!(!bounds.lo.is_nan() && !bounds.hi.is_nan());
     let mut num_loaded = 0;
@@ -82,7 +97,40 @@ pub fn read(name: &str, bytes: &[u8]) -> Option<usize> {
             }
         }
     }
-    Some(num_loaded)
+    num_loaded
+}
+
+/// Makes a folder of metadata and a chunk, under all names that it may have, and reads it.
+fn read_zarr(bytes: &[u8]) -> Option<usize> {
+    /// Numbers of arrays that are loaded: those of which most is not stored may have any.
+    const MOST_LOADED: usize = 1 << 20;
+    let at = bytes
+        .windows(BETWEEN.len())
+        .position(|piece| piece == BETWEEN)?;
+    let (metadata, chunk) = (&bytes[..at], &bytes[at + BETWEEN.len()..]);
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let deep = folder.path().join("c/0/0");
+    std::fs::create_dir_all(&deep).expect("writable");
+    let is_of_version_2 = metadata.windows(8).any(|piece| piece == b"\"chunks\"");
+    let name = if is_of_version_2 {
+        ".zarray"
+    } else {
+        "zarr.json"
+    };
+    for (path, bytes) in [
+        (folder.path().join(name), metadata),
+        (folder.path().join("0.0.0"), chunk),
+        (folder.path().join("c.0.0.0"), chunk),
+        (deep.join("0"), chunk),
+    ] {
+        std::fs::write(path, bytes).expect("writable");
+    }
+    let dataset = vacua_io::open(folder.path()).ok()?;
+    let is_small = dataset
+        .fields()
+        .iter()
+        .all(|field| field.tuples() <= MOST_LOADED);
+    Some(if is_small { load(&dataset) } else { 0 })
 }
 
 /// Reads an encoded mesh with all that is in it, as it is and then with right checksums: without, few
@@ -107,7 +155,8 @@ fn read_packed_once(name: &str, bytes: Vec<u8>) -> Option<usize> {
     if let Some(bounds) = mesh.bounds() {
         for i in 0..40u32 {
             let along = |k: u32| f64::from(i * k % 41) / 40.0;
-            let at = bounds.lo + (bounds.hi - bounds.lo) * glam::DVec3::new(along(1), along(7), along(17));
+            let at = bounds.lo
+                + (bounds.hi - bounds.lo) * glam::DVec3::new(along(1), along(7), along(17));
             if let Some(location) = locator.locate(at.to_array()) {
                 for field in &fields {
                     let _value = field.value_at(&mesh, &location);

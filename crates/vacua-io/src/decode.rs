@@ -110,7 +110,8 @@ pub(crate) fn swap_bytes(bytes: &mut [u8], size_bytes: usize) {
     }
 }
 
-fn swap_chunk(bytes: &mut [u8], size_bytes: usize) {
+/// The same by one thread.
+pub(crate) fn swap_chunk(bytes: &mut [u8], size_bytes: usize) {
     match size_bytes {
         2 => bytes.as_chunks_mut().0.iter_mut().for_each(|b| {
             *b = u16::from_ne_bytes(*b).swap_bytes().to_ne_bytes();

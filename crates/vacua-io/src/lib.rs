@@ -27,8 +27,10 @@ mod save;
 mod source;
 mod tiff;
 pub mod transfer_json;
+mod units;
 pub mod vtk;
 mod xdmf;
+mod zarr;
 
 pub use atomic::{STANDARD_OUTPUT, is_same_file, is_standard_output, is_stream, write_atomically};
 pub use error::{IoError, Problem};

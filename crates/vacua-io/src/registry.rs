@@ -73,6 +73,10 @@ pub fn open(path: impl AsRef<Path>) -> Result<Dataset, IoError> {
 /// As [`open`].
 pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Dataset, IoError> {
     let path = path.as_ref();
+    if let Some(folder) = crate::zarr::folder_of(path) {
+        tracing::debug!(format = crate::zarr::NAME, path = %folder.display(), "reading");
+        return crate::zarr::open(&folder, options);
+    }
     open_source(&Source::open(path)?, options)
 }
 

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use crate::error::Problem;
-
 /// How the pages of a file make volumes.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Arrangement {
@@ -51,36 +49,4 @@ impl Arrangement {
         let interval = self.interval.unwrap_or(1.0);
         (0..self.frames).map(|t| t as f64 * interval).collect()
     }
-}
-
-/// A unit of length in metres.
-fn metres(unit: &str) -> Option<f64> {
-    Some(match unit {
-        "pm" => 1e-12,
-        "Å" | "A" | "angstrom" => 1e-10,
-        "nm" | "nanometer" | "nanometre" => 1e-9,
-        "µm" | "μm" | "um" | "micron" | "microns" | "micrometer" | "micrometre" => 1e-6,
-        "mm" | "millimeter" | "millimetre" => 1e-3,
-        "cm" | "centimeter" | "centimetre" => 1e-2,
-        "m" | "meter" | "metre" => 1.0,
-        "in" | "inch" | "inches" => 0.0254,
-        _ => return None,
-    })
-}
-
-/// A length given in one unit, in another.
-///
-/// # Errors
-/// [`Problem::Unsupported`] if they differ and one of them is not known.
-pub(super) fn converted(length: f64, from: &str, to: &str) -> Result<f64, Problem> {
-    if from == to {
-        return Ok(length);
-    }
-    let factor = metres(from).zip(metres(to)).map(|(from, to)| from / to);
-    factor.map(|factor| length * factor).ok_or_else(|| {
-        Problem::unsupported_but(
-            format!("a spacing in `{from}` beside one in `{to}`"),
-            "units of length are pm, Å, nm, µm, mm, cm, m and inch",
-        )
-    })
 }

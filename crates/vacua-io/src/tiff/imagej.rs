@@ -5,9 +5,10 @@
 //! its other images follow the first without one.
 //! Source: ImageJ's `ij.io.TiffEncoder`, `ij.io.FileOpener` and `ij.io.FileSaver`.
 
-use super::arrangement::{Arrangement, converted};
+use super::arrangement::Arrangement;
 use crate::decode::shown;
 use crate::error::Problem;
+use crate::units::converted;
 
 /// Whether a description is ImageJ's.
 pub(super) fn is_imagej(description: &str) -> bool {

@@ -6,8 +6,9 @@
 
 use std::path::Path;
 
-use super::arrangement::{Arrangement, converted};
+use super::arrangement::Arrangement;
 use crate::error::Problem;
+use crate::units::converted;
 use crate::vtk::xml::document::{Element, parse_markup};
 
 /// Whether a description is OME-XML.

@@ -10,8 +10,8 @@ use super::{Failure, Wrong, output, packed, values};
 /// Which file, and what a file that does not say so itself contains.
 #[derive(clap::Args, Debug)]
 pub struct InputArgs {
-    /// The data: a file, several (time steps; TIFF files of one page make a stack), a pattern in
-    /// quotes, or a ParaView .series or .pvd
+    /// The data: a file, a Zarr folder, several files (time steps; TIFF files of one page make a stack), a
+    /// pattern in quotes, or a ParaView .series or .pvd
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
     /// Time step: its time where the series has times, or its number from 0 (`#1` where both could be
