@@ -241,6 +241,16 @@ fn what_is_wrong_is_told() {
             array(set("codecs", json!([bytes, {"name": "blosc"}])), &whole),
         ),
         (
+            "[2097152, 4, 4, 1] chunks",
+            array(
+                |meta| {
+                    meta["shape"] = json!([4, 4, 1 << 21]);
+                    meta["chunk_grid"]["configuration"]["chunk_shape"] = json!([1, 1, 1]);
+                },
+                &whole,
+            ),
+        ),
+        (
             "chunks of",
             array(
                 |meta| {

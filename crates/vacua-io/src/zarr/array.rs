@@ -16,8 +16,12 @@ use crate::source::Source;
 /// Bytes of chunks that are unpacked at a time, if a row of them has no more.
 const BATCH_BYTES: usize = 256 << 20;
 
-/// Chunks that an array may have.
-const MOST_CHUNKS: usize = 1 << 32;
+/// Chunks that are unpacked at a time, if a row of them has no more.
+const BATCH_CHUNKS: usize = 1 << 14;
+
+/// Chunks that an array may have, and a row of them.
+const MOST_CHUNKS: usize = 1 << 30;
+const MOST_IN_A_ROW: usize = 1 << 20;
 
 /// An array in a folder.
 #[derive(Clone, Debug)]
@@ -83,7 +87,9 @@ impl Array {
         let layout = self.layout(cut)?;
         let chunks = self.counts(cut);
         let num = chunks.iter().try_fold(1usize, |n, &c| n.checked_mul(c));
-        if num.is_none_or(|num| num > MOST_CHUNKS) {
+        let [columns, _, _, of_components] = chunks;
+        let in_a_row = columns.saturating_mul(of_components);
+        if num.is_none_or(|num| num > MOST_CHUNKS) || in_a_row > MOST_IN_A_ROW {
             return Err(Problem::unsupported(format!(
                 "an array of {chunks:?} chunks"
             )));
@@ -104,9 +110,11 @@ impl Array {
     /// [`Problem`] naming the chunk's file and what is wrong in it.
     pub fn read(&self, cut: &Cut) -> Result<DataArray, Problem> {
         let layout = self.layout(cut)?;
-        let [_, rows, slabs, _] = self.counts(cut);
-        let row_bytes = self.meta.chunk_bytes().saturating_mul(self.counts(cut)[0]);
-        let rows_at_a_time = (BATCH_BYTES / row_bytes.max(1)).clamp(1, rows.max(1));
+        let [columns, rows, slabs, of_components] = self.counts(cut);
+        let in_a_row = (columns * of_components).max(1);
+        let row_bytes = self.meta.chunk_bytes().saturating_mul(in_a_row).max(1);
+        let rows_at_a_time = (BATCH_BYTES / row_bytes).min(BATCH_CHUNKS / in_a_row);
+        let rows_at_a_time = rows_at_a_time.clamp(1, rows.max(1));
         let values = layout.fill_array(false, |bytes| {
             for slab in 0..slabs {
                 for first in (0..rows).step_by(rows_at_a_time) {
